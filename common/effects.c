@@ -1,0 +1,95 @@
+#include "common/effects.h"
+
+#include "common/scene.h"
+
+#include <stdio.h>
+#include <string.h>
+
+static uint32_t material_effects(const struct material *material)
+{
+    bool rough = material->alpha[0] >= ALPHA_SMOOTH || material->alpha[1] >= ALPHA_SMOOTH;
+    switch (material->kind) {
+    case MATERIAL_MIXTURE:
+        return FX_MIXTURE;
+    case MATERIAL_CONDUCTOR:
+        return FX_CONDUCTOR | (rough ? FX_ROUGH : 0);
+    case MATERIAL_DIELECTRIC:
+        return FX_DIELECTRIC | (rough ? FX_ROUGH : 0);
+    case MATERIAL_COAT:
+        return FX_COAT | (rough ? FX_ROUGH : 0);
+    case MATERIAL_MIX:
+        return FX_MIX;
+    default:
+        return 0; /* diffuse is what every kernel has */
+    }
+}
+
+static uint32_t light_effects(const struct light *light)
+{
+    switch (light->kind) {
+    case LIGHT_POLYGON:
+        return FX_POLYGON_LIGHT;
+    case LIGHT_SPHERE:
+        return FX_SPHERE_LIGHT;
+    case LIGHT_DISK:
+        return FX_DISK_LIGHT;
+    case LIGHT_SKY:
+        return FX_SKY;
+    default:
+        return FX_DELTA_LIGHT;
+    }
+}
+
+uint32_t scene_effects(const struct scene *scene)
+{
+    const struct scene_settings *settings = &scene->settings;
+    const struct filter_spec *filter = &settings->filter;
+    uint32_t mask = 0;
+
+    if (scene->triangle_count > 0)
+        mask |= FX_MESH;
+    if (scene->quadric_count > 0)
+        mask |= FX_QUADRIC;
+    for (uint32_t i = 0; i < scene->mesh_count; i++)
+        if (scene->meshes[i].flags & MESH_NORMALS)
+            mask |= FX_SMOOTH_NORMALS;
+    if (settings->camera.lens_radius > 0)
+        mask |= FX_LENS;
+    if (settings->camera.kind == CAMERA_ORTHOGRAPHIC)
+        mask |= FX_ORTHOGRAPHIC;
+    for (uint32_t i = 0; i < scene->material_count; i++)
+        mask |= material_effects(&scene->materials[i]);
+    for (uint32_t i = 0; i < scene->light_count; i++)
+        mask |= light_effects(&scene->lights[i]);
+    if (scene->light_count > 1)
+        mask |= FX_MANY_LIGHTS;
+    if (settings->sampler != SAMPLER_SOBOL)
+        mask |= FX_SAMPLER_ANY;
+    if (filter->kind != FILTER_BOX || filter->radius[0] != 0.5f || filter->radius[1] != 0.5f)
+        mask |= FX_FILTER_ANY;
+    return mask;
+}
+
+const char *effects_text(uint32_t mask, char *text, size_t capacity)
+{
+    static const struct {
+        uint32_t bit;
+        const char *printed;
+    } names[] = {
+#define X(name, bit, printed, meaning) { FX_##name, printed },
+        EFFECT_MAP(X)
+#undef X
+    };
+    if (capacity == 0)
+        return text;
+    text[0] = '\0';
+    size_t length = 0;
+    for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); i++) {
+        if (!(mask & names[i].bit) || length >= capacity)
+            continue;
+        int wanted = snprintf(text + length, capacity - length, "%s%s", length > 0 ? ", " : "",
+                              names[i].printed);
+        length += wanted > 0 ? (size_t)wanted : 0;
+    }
+    return text;
+}

@@ -1,0 +1,259 @@
+#include "common/scene.h"
+
+#include "common/arena.h"
+#include "common/effects.h"
+#include "common/err.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define RESOLUTION_MAX 65536
+
+struct scene *scene_new(void)
+{
+    struct scene *scene = calloc(1, sizeof(*scene));
+    if (scene == NULL)
+        return NULL;
+    scene->arena = arena_new();
+    if (scene->arena == NULL) {
+        free(scene);
+        return NULL;
+    }
+    struct scene_settings *settings = &scene->settings;
+    settings->camera = (struct camera){ .kind = CAMERA_PERSPECTIVE,
+                                        .right = { 1, 0, 0 },
+                                        .up = { 0, 1, 0 },
+                                        .forward = { 0, 0, 1 },
+                                        .screen = { -1, 1, -1, 1 },
+                                        .focal_distance = INFINITY };
+    settings->width = settings->height = 1;
+    settings->crop[1] = settings->crop[3] = 1;
+    settings->filter = (struct filter_spec){ .kind = FILTER_BOX, .radius = { 0.5f, 0.5f } };
+    settings->sampler = SAMPLER_SOBOL;
+    settings->max_depth = SCENE_NONE;
+    settings->sky_light = SCENE_NONE;
+    return scene;
+}
+
+void scene_free(struct scene *scene)
+{
+    if (scene == NULL)
+        return;
+    arena_free(scene->arena);
+    free(scene);
+}
+
+/* All of them finite? NaN and infinity are what stays nonzero times zero. */
+static bool all_finite(const float *values, size_t count)
+{
+    float sum = 0;
+    for (size_t i = 0; i < count; i++)
+        sum += values[i] * 0;
+    return sum == 0;
+}
+
+static bool check_camera(const struct camera *camera, struct err *err)
+{
+    if (camera->kind > CAMERA_ORTHOGRAPHIC)
+        return err_set(err, ERR_SCENE, "unknown camera kind %u", camera->kind);
+    if (!all_finite(camera->position, 3) || !all_finite(camera->right, 3) ||
+        !all_finite(camera->up, 3) || !all_finite(camera->forward, 3) ||
+        !all_finite(camera->screen, 4))
+        return err_set(err, ERR_SCENE, "the camera has a number that is not finite");
+    if (!(camera->lens_radius >= 0) || !isfinite(camera->lens_radius))
+        return err_set(err, ERR_SCENE, "the lens radius is %g", camera->lens_radius);
+    if (camera->lens_radius > 0 && !(camera->focal_distance > 0))
+        return err_set(err, ERR_SCENE, "the focal distance is %g", camera->focal_distance);
+    return true;
+}
+
+static bool check_settings(const struct scene *scene, struct err *err)
+{
+    const struct scene_settings *settings = &scene->settings;
+    const uint32_t *crop = settings->crop;
+
+    if (settings->width < 1 || settings->width > RESOLUTION_MAX || settings->height < 1 ||
+        settings->height > RESOLUTION_MAX)
+        return err_set(err, ERR_SCENE, "a resolution of %ux%u is outside 1..%d", settings->width,
+                       settings->height, RESOLUTION_MAX);
+    if (crop[0] >= crop[1] || crop[1] > settings->width || crop[2] >= crop[3] ||
+        crop[3] > settings->height)
+        return err_set(err, ERR_SCENE, "the crop window [%u, %u) x [%u, %u) is not inside %ux%u",
+                       crop[0], crop[1], crop[2], crop[3], settings->width, settings->height);
+    if (!check_camera(&settings->camera, err))
+        return false;
+
+    const struct filter_spec *filter = &settings->filter;
+    const float numbers[] = { filter->radius[0], filter->radius[1], filter->sigma, filter->b,
+                              filter->c };
+    if (filter->kind > FILTER_MITCHELL || !all_finite(numbers, 5) || !(filter->radius[0] > 0) ||
+        !(filter->radius[1] > 0))
+        return err_set(err, ERR_SCENE, "the reconstruction filter is not valid");
+    if (filter->kind == FILTER_GAUSSIAN && !(filter->sigma > 0))
+        return err_set(err, ERR_SCENE, "the gaussian filter's sigma is %g", filter->sigma);
+
+    if (settings->sampler >= SAMPLER_COUNT)
+        return err_set(err, ERR_SCENE, "unknown sampler kind %u", settings->sampler);
+    if (!all_finite(settings->sky, 3))
+        return err_set(err, ERR_SCENE, "the sky's radiance is not finite");
+    for (int axis = 0; axis < 3; axis++)
+        if (!isfinite(settings->center[axis]))
+            return err_set(err, ERR_SCENE, "the centre of the scene is not finite");
+    if (!all_finite(settings->bounds_min, 3) || !all_finite(settings->bounds_max, 3))
+        return err_set(err, ERR_SCENE, "the bounds of the scene are not finite");
+    if (settings->sky_light != SCENE_NONE && (settings->sky_light >= scene->light_count ||
+                                              scene->lights[settings->sky_light].kind != LIGHT_SKY))
+        return err_set(err, ERR_SCENE, "the sky's light is not a light of the sky");
+    return true;
+}
+
+static bool check_mesh(const struct scene *scene, uint32_t index, struct err *err)
+{
+    const struct mesh *mesh = &scene->meshes[index];
+    uint64_t triangles_end = (uint64_t)mesh->first_triangle + mesh->triangle_count;
+    uint64_t vertices_end = (uint64_t)mesh->first_vertex + mesh->vertex_count;
+
+    if (triangles_end > scene->triangle_count || vertices_end > scene->vertex_count)
+        return err_set(err, ERR_SCENE, "mesh %u reaches beyond the arrays", index);
+    if (mesh->material != SCENE_NONE && mesh->material >= scene->material_count)
+        return err_set(err, ERR_SCENE, "mesh %u: no material %u", index, mesh->material);
+
+    const uint32_t *corner = scene->triangles + 3 * (size_t)mesh->first_triangle;
+    for (uint64_t i = 0; i < 3 * (uint64_t)mesh->triangle_count; i++)
+        if (corner[i] - mesh->first_vertex >= mesh->vertex_count)
+            return err_set(err, ERR_SCENE, "mesh %u: vertex index %u is out of range", index,
+                           corner[i]);
+
+    uint32_t first_normal = mesh->first_vertex + mesh->normal_shift;
+    if ((mesh->flags & MESH_NORMALS) &&
+        (uint64_t)first_normal + mesh->vertex_count > scene->normal_count)
+        return err_set(err, ERR_SCENE, "mesh %u: normals are missing", index);
+    uint32_t first_uv = mesh->first_vertex + mesh->uv_shift;
+    if ((mesh->flags & MESH_UVS) && (uint64_t)first_uv + mesh->vertex_count > scene->uv_count)
+        return err_set(err, ERR_SCENE, "mesh %u: texture coordinates are missing", index);
+    if ((mesh->flags & MESH_NORMALS) && !scene->settings.has_normals)
+        return err_set(err, ERR_SCENE, "mesh %u has normals and the scene says none has", index);
+    if (mesh->first_emissive != SCENE_NONE &&
+        (uint64_t)mesh->first_emissive + mesh->triangle_count > scene->triangle_light_count)
+        return err_set(err, ERR_SCENE, "mesh %u: its triangles' lights are missing", index);
+    return true;
+}
+
+static bool check_quadric(const struct scene *scene, uint32_t index, struct err *err)
+{
+    const struct quadric *quadric = &scene->quadrics[index];
+    const float sizes[] = { quadric->radius, quadric->inner_radius, quadric->z_min,
+                            quadric->z_max,  quadric->phi_max,      quadric->world_radius };
+
+    if (quadric->kind > QUADRIC_DISK)
+        return err_set(err, ERR_SCENE, "quadric %u: unknown kind %u", index, quadric->kind);
+    if (!all_finite(quadric->center, 3) || !all_finite(quadric->to_world, 9) ||
+        !all_finite(quadric->to_object, 9) || !all_finite(sizes, 6) || !(quadric->radius > 0))
+        return err_set(err, ERR_SCENE, "quadric %u has a number that is not valid", index);
+    if (quadric->material != SCENE_NONE && quadric->material >= scene->material_count)
+        return err_set(err, ERR_SCENE, "quadric %u: no material %u", index, quadric->material);
+    if (quadric->light != SCENE_NONE && quadric->light >= scene->light_count)
+        return err_set(err, ERR_SCENE, "quadric %u: no light %u", index, quadric->light);
+    return true;
+}
+
+static bool check_material(const struct scene *scene, uint32_t index, struct err *err)
+{
+    const struct material *material = &scene->materials[index];
+
+    if (material->kind >= MATERIAL_KINDS)
+        return err_set(err, ERR_SCENE, "material %u: unknown kind %u", index, material->kind);
+    const float others[] = { material->ior,        material->alpha[0],   material->alpha[1],
+                             material->mix_amount, material->coat_inner, material->coat_scale };
+    if (!all_finite(material->reflectance, 3) || !all_finite(material->specular, 3) ||
+        !all_finite(material->eta, 3) || !all_finite(material->k, 3) || !all_finite(others, 6))
+        return err_set(err, ERR_SCENE, "material %u has a number that is not finite", index);
+    if ((material->kind == MATERIAL_DIELECTRIC || material->kind == MATERIAL_COAT) &&
+        !(material->ior > 0))
+        return err_set(err, ERR_SCENE, "material %u: an index of refraction of %g", index,
+                       material->ior);
+    if (material->kind == MATERIAL_COAT && material->coat_table >= scene->coat_table_count)
+        return err_set(err, ERR_SCENE, "material %u: no coat table %u", index,
+                       material->coat_table);
+    /* Earlier materials only, so that no mix can contain itself */
+    if (material->kind == MATERIAL_MIX && (material->mix[0] >= index || material->mix[1] >= index))
+        return err_set(err, ERR_SCENE, "material %u mixes materials that are not before it", index);
+    return true;
+}
+
+static bool check_light(const struct scene *scene, uint32_t index, struct err *err)
+{
+    const struct light *light = &scene->lights[index];
+    const float others[] = { light->cos_falloff_start, light->cos_falloff_end, light->area,
+                             light->pick };
+
+    if (light->kind >= LIGHT_KINDS)
+        return err_set(err, ERR_SCENE, "light %u: unknown kind %u", index, light->kind);
+    if (!all_finite(light->radiance, 3) || !all_finite(light->position, 3) ||
+        !all_finite(light->direction, 3) || !all_finite(light->normal, 3) || !all_finite(others, 4))
+        return err_set(err, ERR_SCENE, "light %u has a number that is not finite", index);
+    if (!(light->pick > 0) || light->pick > 1)
+        return err_set(err, ERR_SCENE, "light %u is chosen with probability %g", index,
+                       light->pick);
+    if (light->kind == LIGHT_POLYGON &&
+        (light->corner_count < 3 || light->corner_count > POLYGON_MAX ||
+         (uint64_t)light->first_corner + light->corner_count > scene->light_corner_count))
+        return err_set(err, ERR_SCENE, "light %u: its corners are not valid", index);
+    if ((light->kind == LIGHT_SPHERE || light->kind == LIGHT_DISK) &&
+        (light->quadric >= scene->quadric_count || scene->quadrics[light->quadric].light != index))
+        return err_set(err, ERR_SCENE, "light %u and its quadric do not know each other", index);
+    if (light->kind <= LIGHT_DISK && !(light->area > 0))
+        return err_set(err, ERR_SCENE, "light %u has no area", index);
+    return true;
+}
+
+static bool check_arrays(const struct scene *scene, struct err *err)
+{
+#define X(member, count, type, per)                \
+    if (scene->count > 0 && scene->member == NULL) \
+        return err_set(err, ERR_SCENE, "the array " #member " is missing");
+    SCENE_ARRAYS(X)
+#undef X
+    if (!all_finite(scene->positions, 3 * (size_t)scene->vertex_count))
+        return err_set(err, ERR_SCENE, "a vertex position is not finite");
+    if (!all_finite(scene->normals, 3 * (size_t)scene->normal_count))
+        return err_set(err, ERR_SCENE, "a vertex normal is not finite");
+    if (!all_finite(scene->light_corners, 3 * (size_t)scene->light_corner_count))
+        return err_set(err, ERR_SCENE, "a corner of a light is not finite");
+    if (!all_finite(scene->coat_tables, COAT_TABLE_LEN * (size_t)scene->coat_table_count))
+        return err_set(err, ERR_SCENE, "a coat's table is not finite");
+    for (uint32_t i = 0; i < scene->triangle_light_count; i++)
+        if (scene->triangle_light[i] != SCENE_NONE &&
+            scene->triangle_light[i] >= scene->light_count)
+            return err_set(err, ERR_SCENE, "a triangle emits as light %u, and there is none",
+                           scene->triangle_light[i]);
+    return true;
+}
+
+bool scene_check(const struct scene *scene, struct err *err)
+{
+    if (!check_arrays(scene, err) || !check_settings(scene, err))
+        return false;
+    for (uint32_t i = 0; i < scene->mesh_count; i++)
+        if (!check_mesh(scene, i, err))
+            return false;
+    for (uint32_t i = 0; i < scene->quadric_count; i++)
+        if (!check_quadric(scene, i, err))
+            return false;
+    for (uint32_t i = 0; i < scene->material_count; i++)
+        if (!check_material(scene, i, err))
+            return false;
+    double picks = 0;
+    for (uint32_t i = 0; i < scene->light_count; i++) {
+        if (!check_light(scene, i, err))
+            return false;
+        picks += scene->lights[i].pick;
+    }
+    if (scene->light_count > 0 && fabs(picks - 1) > 1e-3)
+        return err_set(err, ERR_SCENE, "the lights are chosen with probability %g in all", picks);
+    if (scene->settings.effects != scene_effects(scene))
+        return err_set(err, ERR_SCENE, "the effect mask is %#x and should be %#x",
+                       scene->settings.effects, scene_effects(scene));
+    return true;
+}

@@ -1,0 +1,252 @@
+/*
+ * The scene model: what the readers produce, the bundle carries and the workers render. Every
+ * array is flat, little-endian and free of pointers, so that it crosses the wire as it is and can
+ * be handed to Embree without copying.
+ *
+ * Space: world space of the scene file, re-centred: `settings.center` (double) was subtracted from
+ * every position before rounding to float32, the camera included. Colours are linear sRGB.
+ * Angles are radians; text in degrees is converted where it is parsed.
+ *
+ * Ownership: a scene owns its arena and, through it, all arrays; scene_free releases everything.
+ * Thread: built by one thread; read-only, and shareable, afterwards.
+ */
+#ifndef COMMON_SCENE_H
+#define COMMON_SCENE_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct arena;
+struct err;
+
+#define SCENE_NONE     UINT32_MAX
+#define POLYGON_MAX    8  /* corners of one polygon light; larger polygons become several lights */
+#define COAT_TABLE_LEN 64 /* entries of one coat's transmittance table */
+
+enum camera_kind { CAMERA_PERSPECTIVE = 0, CAMERA_ORTHOGRAPHIC = 1 };
+
+/*
+ * Film point (x, y) in pixels of the full image, top row first, maps to
+ *   sx = screen[0] + (screen[1] - screen[0]) * x / width
+ *   sy = screen[3] - (screen[3] - screen[2]) * y / height.
+ * Perspective: direction right * sx + up * sy + forward from position (`screen` already holds
+ * tan(fov/2)). Orthographic: direction forward from position + right * sx + up * sy.
+ * right, up and forward are the columns of camera-to-world; they need not be unit vectors
+ * (a mirrored camera has a left-handed triple).
+ * Thin lens (lens_radius > 0): the lens lies in the right/up plane at the camera, and points at
+ * camera-space z = focal_distance are in focus; infinity means parallel rays.
+ */
+struct camera {
+    uint32_t kind;
+    float position[3], right[3], up[3], forward[3];
+    float screen[4]; /* x min, x max, y min, y max */
+    float lens_radius, focal_distance;
+};
+
+enum filter_kind { FILTER_BOX = 0, FILTER_TRIANGLE = 1, FILTER_GAUSSIAN = 2, FILTER_MITCHELL = 3 };
+
+/* A separable reconstruction filter; the formulas are those of pbrt-v4, section 8.8. */
+struct filter_spec {
+    uint32_t kind;
+    float radius[2]; /* pixels */
+    float sigma;     /* gaussian: exp(-x^2 / 2 sigma^2) minus its value at the radius */
+    float b, c;      /* mitchell */
+};
+
+#define SAMPLER_MAP(X)                                                            \
+    X(SOBOL, 0, "sobol")                                                          \
+    X(INDEPENDENT, 1, "independent")                                              \
+    X(STRATIFIED, 2, "stratified")                                                \
+    X(HALTON, 3, "halton")                                                        \
+    X(HAMMERSLEY, 4, "hammersley")
+enum sampler_kind {
+#define X(name, number, text) SAMPLER_##name = number,
+    SAMPLER_MAP(X)
+#undef X
+    SAMPLER_COUNT
+};
+
+/* The small part of a scene: everything that is not an array. Fixed layout. */
+struct scene_settings {
+    double center[3];           /* what was subtracted from the file's world coordinates */
+    float bounds_min[3];        /* of all geometry, re-centred; an empty scene has zeros */
+    float bounds_max[3];
+    struct camera camera;
+    uint32_t width, height;     /* of the full image, pixels */
+    uint32_t crop[4];           /* x0, x1, y0, y1: rendered are x0 <= x < x1, y0 <= y < y1 */
+    struct filter_spec filter;
+    uint32_t sampler;           /* enum sampler_kind */
+    uint32_t sampler_spp;       /* what the scene file asks for; 0 when it does not */
+    uint32_t max_depth;         /* scattering events; SCENE_NONE when unlimited */
+    uint32_t effects;           /* scene_effects() of this scene */
+    uint32_t has_normals;       /* any mesh with MESH_NORMALS */
+    float sky[3];               /* radiance from infinity: the sum of constant infinite lights */
+    uint32_t sky_light;         /* index of its entry in lights, or SCENE_NONE */
+    uint32_t reserved[8];       /* zero */
+};
+
+enum mesh_flag {
+    MESH_NORMALS = 1,     /* has vertex normals */
+    MESH_UVS = 2,         /* has texture coordinates */
+    MESH_FLIP_NORMAL = 4, /* geometric normal is -(e1 x e2): orientation and handedness together */
+};
+
+/*
+ * Triangles [first_triangle, first_triangle + triangle_count) of `triangles`. Triangle indices are
+ * global: vertex v has positions[3v..3v+2], normals[3(v + normal_shift)..] and
+ * uvs[2(v + uv_shift)..], the shifts wrapping modulo 2^32. Normals are unit length, in world
+ * space, on the side given by the file (already flipped by ReverseOrientation).
+ */
+struct mesh {
+    uint32_t first_triangle, triangle_count;
+    uint32_t first_vertex, vertex_count;
+    uint32_t normal_shift, uv_shift;
+    uint32_t material;       /* index into materials; SCENE_NONE: an interface that is not there */
+    uint32_t first_emissive; /* triangle t emits as light triangle_light[first_emissive + t]; or SCENE_NONE */
+    uint32_t flags;
+};
+
+enum quadric_kind { QUADRIC_SPHERE = 0, QUADRIC_DISK = 1 };
+enum quadric_flag {
+    QUADRIC_FLIP_NORMAL = 1, /* normal points inwards (sphere) or along -z of object space (disk) */
+    QUADRIC_SIMILARITY = 2,  /* to_world is rotation times one positive scale, up to mirroring */
+    QUADRIC_PARTIAL = 4,     /* z range, phi range or a disk's inner radius cuts something away */
+};
+
+/*
+ * A sphere or disk, in its object space: world = center + to_world * object, object = to_object *
+ * (world - center). Sphere: radius about the origin, z in [z_min, z_max]. Disk: z = 0 (the file's
+ * height is folded into center), inner_radius <= r <= radius. Both: 0 <= phi <= phi_max.
+ */
+struct quadric {
+    uint32_t kind, flags;
+    float center[3];
+    float to_world[9], to_object[9]; /* row-major 3x3 */
+    float radius, inner_radius, z_min, z_max, phi_max;
+    float world_radius; /* radius in world units when QUADRIC_SIMILARITY */
+    uint32_t material;  /* as in struct mesh */
+    uint32_t light;     /* or SCENE_NONE */
+};
+
+enum material_kind {
+    MATERIAL_DIFFUSE = 0,    /* reflectance */
+    MATERIAL_MIXTURE = 1,    /* reflectance (k_d) + perfect mirror of colour specular (k_s) */
+    MATERIAL_CONDUCTOR = 2,  /* eta, k per channel; alpha */
+    MATERIAL_DIELECTRIC = 3, /* ior; alpha */
+    MATERIAL_COAT = 4,       /* dielectric coat (ior, alpha, table) over diffuse reflectance */
+    MATERIAL_MIX = 5,        /* mix[0] with probability 1 - amount, mix[1] with probability amount */
+    MATERIAL_KINDS
+};
+
+/*
+ * alpha is the GGX (Trowbridge-Reitz) width along x and y of the shading frame, already remapped;
+ * below ALPHA_SMOOTH in both the surface is perfectly smooth and its lobes are delta events.
+ *
+ * The coat is the expectation of pbrt-v4's layered random walk with an empty medium, summed to
+ * infinite depth (derived and tabulated in master/coat.h); n is ior, per colour channel:
+ *   f(wo, wi) = f_ggx(wo, wi) + T(wo) T(wi) reflectance coat_scale / (1 - reflectance coat_inner)
+ * with T(mu) the share of light from outside at cosine mu that arrives at the base, coat_inner the
+ * share of the base's diffuse light that the coat sends back to it, and coat_scale = 1 / (pi n^2).
+ * coat_tables[coat_table * COAT_TABLE_LEN + i] = T(mu) at mu = (i / (COAT_TABLE_LEN - 1))^2; between
+ * them linear in sqrt(mu).
+ * Both sides of the surface are coated. With two alphas the table is that of their mean.
+ */
+#define ALPHA_SMOOTH 1e-3f
+struct material {
+    uint32_t kind;
+    float reflectance[3];
+    float specular[3];
+    float eta[3], k[3];
+    float ior;         /* inside over outside */
+    float alpha[2];
+    uint32_t mix[2];
+    float mix_amount;
+    uint32_t coat_table;
+    float coat_inner, coat_scale;
+};
+
+enum light_kind {
+    LIGHT_POLYGON = 0,
+    LIGHT_SPHERE = 1,
+    LIGHT_DISK = 2,
+    LIGHT_POINT = 3,
+    LIGHT_SPOT = 4,
+    LIGHT_DISTANT = 5,
+    LIGHT_SKY = 6,
+    LIGHT_KINDS
+};
+enum light_flag { LIGHT_TWO_SIDED = 1 };
+
+/*
+ * Area lights emit `radiance` on the side of `normal` (polygon) or of their quadric's normal, or on
+ * both. Point and spot: `radiance` is radiant intensity; distant: irradiance on a surface facing
+ * it. A polygon is convex and planar, corners light_corners[3 * (first_corner + i)] in an order
+ * that is counter-clockwise seen from the side of `normal`.
+ */
+struct light {
+    uint32_t kind, flags;
+    float radiance[3];
+    float position[3];
+    float direction[3]; /* spot, distant: the way the light travels, unit */
+    float normal[3];
+    float cos_falloff_start, cos_falloff_end; /* spot, pbrt's smoothstep between them */
+    float area;         /* world units, one side */
+    float pick;         /* probability that light sampling chooses this light; all sum to 1 */
+    uint32_t first_corner, corner_count;
+    uint32_t quadric;
+};
+
+struct scene {
+    struct arena *arena;
+    struct scene_settings settings;
+    /* array, count: every X below is one bundle object */
+    float *positions;
+    uint32_t vertex_count; /* positions has 3 floats each */
+    float *normals;
+    uint32_t normal_count;
+    float *uvs;
+    uint32_t uv_count;
+    uint32_t *triangles; /* 3 vertex indices each */
+    uint32_t triangle_count;
+    struct mesh *meshes;
+    uint32_t mesh_count;
+    struct quadric *quadrics;
+    uint32_t quadric_count;
+    struct material *materials;
+    uint32_t material_count;
+    float *coat_tables;
+    uint32_t coat_table_count; /* COAT_TABLE_LEN floats each */
+    struct light *lights;
+    uint32_t light_count;
+    float *light_corners;
+    uint32_t light_corner_count;
+    uint32_t *triangle_light;
+    uint32_t triangle_light_count;
+};
+
+/* The arrays, for code that treats all alike: member, count member, element type, per count */
+#define SCENE_ARRAYS(X)                                               \
+    X(positions, vertex_count, float, 3)                              \
+    X(normals, normal_count, float, 3)                                \
+    X(uvs, uv_count, float, 2)                                        \
+    X(triangles, triangle_count, uint32_t, 3)                         \
+    X(meshes, mesh_count, struct mesh, 1)                             \
+    X(quadrics, quadric_count, struct quadric, 1)                     \
+    X(materials, material_count, struct material, 1)                  \
+    X(coat_tables, coat_table_count, float, COAT_TABLE_LEN)           \
+    X(lights, light_count, struct light, 1)                           \
+    X(light_corners, light_corner_count, float, 3)                    \
+    X(triangle_light, triangle_light_count, uint32_t, 1)
+
+/* An empty scene with default settings; NULL when memory runs out. scene_free(NULL) is fine. */
+struct scene *scene_new(void);
+void scene_free(struct scene *scene);
+
+/*
+ * Check a scene that came from outside (a reader or the wire): every index in range, every float
+ * finite where it must be, the effect mask equal to the recomputed one. ERR_SCENE says what not.
+ */
+bool scene_check(const struct scene *scene, struct err *err);
+
+#endif

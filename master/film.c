@@ -1,0 +1,451 @@
+#include "master/film.h"
+
+#include "common/err.h"
+#include "common/scene.h"
+#include "master/estimate.h"
+#include "master/image.h"
+
+#include <assert.h>
+#include <inttypes.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define SUMS_AT_ROUND_END 4 /* bits set in 2^m (8 + j) / 8 */
+
+/* A round that is coming in. */
+struct open_round {
+    unsigned round;
+    struct fold *fold;
+    struct open_round *next; /* a later round */
+};
+
+struct pair {
+    struct sum_stack stack;
+    unsigned rounds;         /* sealed */
+    struct open_round *open; /* in the order of rounds */
+};
+
+struct film {
+    uint32_t tiles, replicates, leaf_samples, channels;
+    struct tile_rect *rects;
+    struct tile_rect crop;
+    uint32_t full_width, full_height;
+    unsigned rounds_wanted, rounds_complete;
+    uint32_t sealed[ROUND_COUNT]; /* pairs that sealed round r */
+    size_t held;
+    struct pair *pairs; /* tile * replicates + replicate */
+};
+
+static struct pair *pair_of(const struct film *film, uint32_t tile, uint32_t replicate)
+{
+    assert(tile < film->tiles && replicate < film->replicates);
+    return &film->pairs[(size_t)tile * film->replicates + replicate];
+}
+
+static uint32_t pixels_of(const struct tile_rect *rect)
+{
+    return rect->width * rect->height;
+}
+
+uint64_t film_memory_bytes(const struct scene *scene, const struct job_spec *spec)
+{
+    uint32_t tiles = tile_count(scene);
+    uint64_t bytes = sizeof(struct film) + tiles * (uint64_t)sizeof(struct tile_rect);
+    for (uint32_t tile = 0; tile < tiles; tile++) {
+        struct tile_rect rect = tile_rect(scene, tile);
+        uint64_t sums = node_sums_size(pixels_of(&rect), spec->channel_count);
+        bytes += spec->replicates * (sizeof(struct pair) + SUMS_AT_ROUND_END * sums);
+    }
+    return bytes;
+}
+
+struct film *film_new(const struct scene *scene, const struct job_spec *spec, unsigned rounds,
+                      uint64_t limit_bytes, struct err *err)
+{
+    if (spec->replicates == 0 || spec->leaf_samples == 0 || spec->channel_count < 3) {
+        err_set(err, ERR_ARGUMENT,
+                "a film needs replicates, samples per leaf and three channels, not %" PRIu32
+                ", %" PRIu32 " and %" PRIu32,
+                spec->replicates, spec->leaf_samples, spec->channel_count);
+        return NULL;
+    }
+    uint64_t needed = film_memory_bytes(scene, spec);
+    if (limit_bytes != 0 && needed > limit_bytes) {
+        err_set(err, ERR_LIMIT,
+                "the film of this job needs %.0f MB and may have %.0f: a smaller crop window or "
+                "fewer replicates (now %" PRIu32 ") need less",
+                (double)needed / 1e6, (double)limit_bytes / 1e6, spec->replicates);
+        return NULL;
+    }
+
+    struct film *film = calloc(1, sizeof(*film));
+    if (film == NULL)
+        goto fail_film;
+    const struct scene_settings *settings = &scene->settings;
+    film->tiles = tile_count(scene);
+    film->replicates = spec->replicates;
+    film->leaf_samples = spec->leaf_samples;
+    film->channels = spec->channel_count;
+    film->full_width = settings->width;
+    film->full_height = settings->height;
+    film->crop = (struct tile_rect){
+        .x = settings->crop[0],
+        .y = settings->crop[2],
+        .width = settings->crop[1] - settings->crop[0],
+        .height = settings->crop[3] - settings->crop[2],
+    };
+    film->rects = calloc(film->tiles, sizeof(*film->rects));
+    if (film->rects == NULL)
+        goto fail_rects;
+    for (uint32_t tile = 0; tile < film->tiles; tile++)
+        film->rects[tile] = tile_rect(scene, tile);
+    film->pairs = calloc((size_t)film->tiles * film->replicates, sizeof(*film->pairs));
+    if (film->pairs == NULL)
+        goto fail_pairs;
+    film_extend(film, rounds);
+    return film;
+
+fail_pairs:
+    free(film->rects);
+fail_rects:
+    free(film);
+fail_film:
+    err_set(err, ERR_MEMORY, "no memory for the film");
+    return NULL;
+}
+
+void film_free(struct film *film)
+{
+    if (film == NULL)
+        return;
+    for (size_t i = 0; i < (size_t)film->tiles * film->replicates; i++) {
+        struct pair *pair = &film->pairs[i];
+        sum_stack_clear(&pair->stack);
+        for (struct open_round *open = pair->open, *next; open != NULL; open = next) {
+            next = open->next;
+            fold_free(open->fold);
+            free(open);
+        }
+    }
+    free(film->pairs);
+    free(film->rects);
+    free(film);
+}
+
+void film_extend(struct film *film, unsigned rounds)
+{
+    if (rounds > ROUND_COUNT)
+        rounds = ROUND_COUNT;
+    if (rounds > film->rounds_wanted)
+        film->rounds_wanted = rounds;
+}
+
+/* Where round `round` stands, or would stand, in the pair's list. */
+static struct open_round **find_open(struct pair *pair, unsigned round)
+{
+    struct open_round **link = &pair->open;
+    while (*link != NULL && (*link)->round < round)
+        link = &(*link)->next;
+    return link;
+}
+
+enum film_result film_check(const struct film *film, const struct node_id *id)
+{
+    unsigned round;
+    if (id->tile >= film->tiles || id->replicate >= film->replicates ||
+        !round_holding(id->level, id->index, &round) || round >= film->rounds_wanted)
+        return FILM_FOREIGN;
+    struct pair *pair = pair_of(film, id->tile, id->replicate);
+    if (round < pair->rounds)
+        return FILM_DUPLICATE;
+    struct open_round *open = *find_open(pair, round);
+    if (open == NULL || open->round != round)
+        return FILM_ADDED;
+    return fold_check(open->fold, id->level, id->index) == FOLD_ADDED ? FILM_ADDED : FILM_DUPLICATE;
+}
+
+static bool shape_fits(const struct film *film, const struct node_id *id,
+                       const struct node_sums *sums)
+{
+    uint32_t pixels = film_tile_pixels(film, id->tile);
+    uint64_t samples = ((uint64_t)film->leaf_samples * pixels) << id->level;
+    return sums->pixel_count == pixels && sums->channel_count == film->channels &&
+           sums->stats.samples == samples;
+}
+
+static struct fold *open_fold(struct pair *pair, unsigned round)
+{
+    struct open_round **link = find_open(pair, round);
+    if (*link != NULL && (*link)->round == round)
+        return (*link)->fold;
+
+    struct open_round *open = malloc(sizeof(*open));
+    if (open == NULL)
+        return NULL;
+    uint32_t level;
+    uint64_t index;
+    round_node(round, &level, &index);
+    open->fold = fold_new(level, index);
+    if (open->fold == NULL) {
+        free(open);
+        return NULL;
+    }
+    open->round = round;
+    open->next = *link;
+    *link = open;
+    return open->fold;
+}
+
+/* Move the pair's next round to its stack if all of it is here. */
+static bool seal_next(struct film *film, struct pair *pair)
+{
+    struct open_round *open = pair->open;
+    if (open == NULL || open->round != pair->rounds)
+        return false;
+    struct node_sums *sums = fold_take(open->fold);
+    if (sums == NULL)
+        return false;
+
+    uint32_t level;
+    uint64_t index;
+    round_node(open->round, &level, &index);
+    assert(pair->stack.leaves == index << level);
+    sum_stack_push(&pair->stack, level, sums);
+    film->held--;
+    pair->rounds++;
+    film->sealed[open->round]++;
+    pair->open = open->next;
+    fold_free(open->fold);
+    free(open);
+    return true;
+}
+
+enum film_result film_accept(struct film *film, const struct node_id *id, struct node_sums *sums)
+{
+    enum film_result verdict = film_check(film, id);
+    if (verdict != FILM_ADDED)
+        return verdict;
+    if (!shape_fits(film, id, sums))
+        return FILM_FOREIGN;
+
+    unsigned round = 0;
+    round_holding(id->level, id->index, &round); /* film_check knows that it does */
+    struct pair *pair = pair_of(film, id->tile, id->replicate);
+    struct fold *fold = open_fold(pair, round);
+    if (fold == NULL)
+        return FILM_NO_MEMORY;
+    size_t waited = fold_waiting(fold);
+    if (fold_add(fold, id->level, id->index, sums) != FOLD_ADDED)
+        return FILM_NO_MEMORY;
+    film->held = film->held - waited + fold_waiting(fold);
+
+    while (seal_next(film, pair))
+        verdict = FILM_SEALED;
+    uint32_t pairs = film->tiles * film->replicates;
+    while (film->rounds_complete < ROUND_COUNT && film->sealed[film->rounds_complete] == pairs)
+        film->rounds_complete++;
+    return verdict;
+}
+
+uint32_t film_tiles(const struct film *film)
+{
+    return film->tiles;
+}
+
+uint32_t film_tile_pixels(const struct film *film, uint32_t tile)
+{
+    assert(tile < film->tiles);
+    return pixels_of(&film->rects[tile]);
+}
+
+unsigned film_pair_rounds(const struct film *film, uint32_t tile, uint32_t replicate)
+{
+    return pair_of(film, tile, replicate)->rounds;
+}
+
+unsigned film_rounds(const struct film *film)
+{
+    return film->rounds_complete;
+}
+
+bool film_round_complete(const struct film *film, unsigned round)
+{
+    return round < film->rounds_complete;
+}
+
+uint64_t film_spp(const struct film *film)
+{
+    if (film->rounds_complete == 0)
+        return 0;
+    return (uint64_t)film->replicates * film->leaf_samples * round_end(film->rounds_complete - 1);
+}
+
+size_t film_held(const struct film *film)
+{
+    return film->held;
+}
+
+void film_stats(const struct film *film, struct node_stats *total)
+{
+    memset(total, 0, sizeof(*total));
+    for (size_t i = 0; i < (size_t)film->tiles * film->replicates; i++) {
+        const struct sum_stack *stack = &film->pairs[i].stack;
+        for (unsigned level = 0; level <= NODE_LEVEL_MAX; level++)
+            if (stack->sums[level] != NULL)
+                node_stats_add(total, &stack->sums[level]->stats);
+    }
+}
+
+/* What film_image keeps while it goes over the tiles. */
+struct reading {
+    struct node_sums *total; /* of one pair */
+    double *means;           /* [replicate][channel][pixel] of one tile */
+    uint32_t failed[TILE_PIXELS / 32];
+};
+
+static struct tile_means read_tile(const struct film *film, uint32_t tile, struct reading *reading)
+{
+    const struct tile_rect *rect = &film->rects[tile];
+    uint32_t pixels = pixels_of(rect);
+    struct tile_means out = { .width = rect->width, .height = rect->height,
+                              .means = reading->means, .failed = reading->failed };
+    memset(reading->failed, 0, sizeof(reading->failed));
+
+    for (uint32_t k = 0; k < film->replicates; k++) {
+        const struct sum_stack *stack = &pair_of(film, tile, k)->stack;
+        if (stack->leaves == 0)
+            continue;
+        struct node_sums *total = reading->total;
+        total->pixel_count = pixels;
+        sum_stack_total(stack, total);
+
+        uint64_t samples = stack->leaves * film->leaf_samples;
+        double n = (double)samples;
+        double *means = reading->means + (size_t)out.replicates * 3 * pixels;
+        for (uint32_t i = 0; i < 3 * pixels; i++)
+            means[i] = (double)total->values[i] / n;
+        double luminance = 0;
+        for (uint32_t p = 0; p < pixels; p++)
+            luminance += 0.2126 * means[p] + 0.7152 * means[pixels + p] +
+                         0.0722 * means[2 * pixels + p];
+
+        for (unsigned word = 0; word < TILE_PIXELS / 32; word++)
+            reading->failed[word] |= total->failed[word];
+        out.luminance += luminance * n;
+        if (total->stats.largest > out.largest)
+            out.largest = total->stats.largest;
+        out.samples += samples;
+        out.replicates++;
+    }
+    return out;
+}
+
+/* The image's planes, in the order of PLANE_NAMES. */
+#define PLANES 7
+static const char *const PLANE_NAMES[PLANES] = { "R",        "G",        "B",      "stderr.R",
+                                                 "stderr.G", "stderr.B", "samples" };
+
+/* Mean and standard error of `count` values that lie in a row of the tile. */
+static void write_row(const struct tile_means *tile, uint32_t channel, uint32_t row,
+                      float *mean_out, float *stderr_out)
+{
+    size_t pixels = (size_t)tile->width * tile->height;
+    const double *means = tile->means + channel * pixels + (size_t)row * tile->width;
+    size_t stride = 3 * pixels;
+    double k_count = tile->replicates, mean[TILE_SIZE] = { 0 }, m2[TILE_SIZE] = { 0 };
+
+    for (uint32_t k = 0; k < tile->replicates; k++)
+        for (uint32_t x = 0; x < tile->width; x++)
+            mean[x] += means[k * stride + x];
+    for (uint32_t x = 0; x < tile->width; x++)
+        mean[x] = tile->replicates == 0 ? 0 : mean[x] / k_count;
+    for (uint32_t k = 0; k < tile->replicates; k++)
+        for (uint32_t x = 0; x < tile->width; x++) {
+            double distance = means[k * stride + x] - mean[x];
+            m2[x] += distance * distance;
+        }
+    for (uint32_t x = 0; x < tile->width; x++) {
+        mean_out[x] = (float)mean[x];
+        stderr_out[x] = tile->replicates < 2 ? INFINITY
+                                             : (float)sqrt(m2[x] / ((k_count - 1) * k_count));
+    }
+}
+
+static void write_tile(const struct film *film, uint32_t tile, const struct tile_means *means,
+                       float *const planes[PLANES])
+{
+    const struct tile_rect *rect = &film->rects[tile];
+    for (uint32_t y = 0; y < rect->height; y++) {
+        size_t row = rect->y - film->crop.y + y;
+        size_t at = row * film->crop.width + rect->x - film->crop.x;
+        for (uint32_t c = 0; c < 3; c++)
+            write_row(means, c, y, planes[c] + at, planes[3 + c] + at);
+        for (uint32_t x = 0; x < rect->width; x++) {
+            uint32_t p = y * rect->width + x;
+            planes[6][at + x] = (float)means->samples;
+            if (means->failed[p / 32] >> p % 32 & 1)
+                for (int c = 0; c < 3; c++)
+                    planes[3 + c][at + x] = INFINITY;
+        }
+    }
+}
+
+/* The image's planes, added where it lacks them. */
+static bool prepare_image(const struct film *film, struct image *image, float *planes[PLANES],
+                          struct err *err)
+{
+    const struct tile_rect *crop = &film->crop;
+    if (image->width != crop->width || image->height != crop->height)
+        return err_set(err, ERR_ARGUMENT,
+                       "an image of %" PRIu32 "x%" PRIu32 " for a film of %" PRIu32 "x%" PRIu32,
+                       image->width, image->height, crop->width, crop->height);
+    for (int i = 0; i < PLANES; i++)
+        if (image_channel(image, PLANE_NAMES[i]) == NULL &&
+            image_add_channel(image, PLANE_NAMES[i]) == NULL)
+            return err_set(err, ERR_MEMORY, "no memory for the image");
+    for (int i = 0; i < PLANES; i++)
+        planes[i] = image_channel(image, PLANE_NAMES[i]);
+    image->data_x = (int32_t)crop->x;
+    image->data_y = (int32_t)crop->y;
+    image->display_width = film->full_width;
+    image->display_height = film->full_height;
+    return true;
+}
+
+bool film_image(const struct film *film, struct image *image, struct estimate *estimate,
+                struct err *err)
+{
+    float *planes[PLANES];
+    if (image != NULL && !prepare_image(film, image, planes, err))
+        goto fail_image;
+    struct reading reading;
+    reading.total = node_sums_new(TILE_PIXELS, film->channels);
+    if (reading.total == NULL)
+        goto fail_total;
+    reading.means = malloc(sizeof(double) * 3 * TILE_PIXELS * film->replicates);
+    if (reading.means == NULL)
+        goto fail_means;
+    if (estimate != NULL && !estimate_begin(estimate, film->replicates))
+        goto fail_estimate;
+
+    for (uint32_t tile = 0; tile < film->tiles; tile++) {
+        struct tile_means means = read_tile(film, tile, &reading);
+        if (image != NULL)
+            write_tile(film, tile, &means, planes);
+        if (estimate != NULL)
+            estimate_tile(estimate, &means);
+    }
+    free(reading.means);
+    node_sums_free(reading.total);
+    return true;
+
+fail_estimate:
+    free(reading.means);
+fail_means:
+    node_sums_free(reading.total);
+fail_total:
+    err_set(err, ERR_MEMORY, "no memory for reading the film");
+fail_image:
+    return err_wrap(err, "making the image");
+}

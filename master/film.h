@@ -1,0 +1,85 @@
+/*
+ * The film: what the master has received of one job. Per pair (tile, replicate) it keeps the sums
+ * of the sealed rounds as a binary counter (common/sumtree.h) and a fold for each round that is
+ * still coming in. Which worker sent what, in what order and in what pieces, leaves no trace in it.
+ *
+ * A pair's round is sealed when every leaf of it arrived and all rounds before it are sealed; later
+ * rounds may come in early and wait. At the ends of rounds a pair holds at most four sums, which is
+ * what film_memory_bytes counts; sums below open rounds come on top and are the scheduler's to
+ * bound (film_held).
+ *
+ * Ownership: the film owns the sums it accepted. Thread: one at a time (the master's event loop).
+ */
+#ifndef MASTER_FILM_H
+#define MASTER_FILM_H
+
+#include "common/job.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct err;
+struct estimate;
+struct film;
+struct image;
+struct scene;
+
+/* Bytes a film of this job needs at the end of a round; computed, nothing is allocated. */
+uint64_t film_memory_bytes(const struct scene *scene, const struct job_spec *spec);
+
+/*
+ * An empty film that accepts `rounds` rounds. Fails with ERR_LIMIT when it would need more than
+ * limit_bytes (0: no limit). Copies what it needs of scene and spec. film_free(NULL) does nothing.
+ */
+struct film *film_new(const struct scene *scene, const struct job_spec *spec, unsigned rounds,
+                      uint64_t limit_bytes, struct err *err);
+void film_free(struct film *film);
+
+/* Extending a job: accept this many rounds from now on. Never below what came in already. */
+void film_extend(struct film *film, unsigned rounds);
+
+enum film_result {
+    FILM_ADDED,     /* taken */
+    FILM_SEALED,    /* taken, and it completed a round of its pair (or several): film_pair_rounds */
+    FILM_DUPLICATE, /* some leaf of that range is here already */
+    FILM_FOREIGN,   /* not a node of this job, or of another shape or sample count than the job's */
+    FILM_NO_MEMORY
+};
+
+/*
+ * Take one node's sums. ADDED and SEALED: the film owns `sums` from now on; else the caller keeps
+ * them, and the film is as before. `sums->stats.samples` must be the node's leaves x B x pixels.
+ */
+enum film_result film_accept(struct film *film, const struct node_id *id, struct node_sums *sums);
+
+/* What film_accept would say to well-formed sums of this node: ADDED, DUPLICATE or FOREIGN. */
+enum film_result film_check(const struct film *film, const struct node_id *id);
+
+uint32_t film_tiles(const struct film *film);
+uint32_t film_tile_pixels(const struct film *film, uint32_t tile);
+unsigned film_pair_rounds(const struct film *film, uint32_t tile, uint32_t replicate); /* sealed */
+unsigned film_rounds(const struct film *film); /* sealed by every pair */
+bool film_round_complete(const struct film *film, unsigned round);
+uint64_t film_spp(const struct film *film); /* samples per pixel of film_rounds(), all replicates */
+size_t film_held(const struct film *film);  /* sums waiting below open rounds */
+
+/* Counters of everything sealed so far. */
+void film_stats(const struct film *film, struct node_stats *total);
+
+/*
+ * Read the picture of all sealed rounds; tiles may be at different rounds between two complete
+ * ones. `image` (or NULL) has the crop window's size; its channels are added, or overwritten when
+ * it has them already:
+ *   R G B                     (1/K) * sum over replicates, in order, of (sum / n), in double
+ *   stderr.R stderr.G stderr.B  standard error of that, from the replicate means (K-1 degrees of
+ *                             freedom); +inf, "unknown", below two replicates and where
+ *                             non-finite samples were lost
+ *   samples                   per pixel, of all replicates
+ * and its data and display windows set. `estimate` (or NULL) gets the error estimate of the same
+ * picture. One pass over the sums. False: ERR_MEMORY, or an image of another size.
+ */
+bool film_image(const struct film *film, struct image *image, struct estimate *estimate,
+                struct err *err);
+
+#endif

@@ -1,0 +1,124 @@
+#include "master/job_setup.h"
+
+#include "common/effects.h"
+#include "common/err.h"
+#include "common/scene.h"
+#include "master/options.h"
+#include "master/pbrt.h"
+
+#include <inttypes.h>
+#include <stdio.h>
+
+#define SPP_DEFAULT 16    /* pbrt's */
+#define DEPTH_CAP   65536 /* the counted safety cap */
+
+static bool apply_crop(struct scene *scene, const double crop[4], struct err *err)
+{
+    struct scene_settings *s = &scene->settings;
+    if (crop[0] <= 1 && crop[1] <= 1 && crop[2] <= 1 && crop[3] <= 1)
+        return pbrt_set_crop(scene, crop, err);
+    for (int i = 0; i < 4; i++) {
+        uint32_t side = i < 2 ? s->width : s->height;
+        if (crop[i] > side)
+            return err_set(err, ERR_ARGUMENT, "the picture has %" PRIu32 "x%" PRIu32 " pixels",
+                           s->width, s->height);
+        if (crop[i] != (uint32_t)crop[i])
+            return err_set(err, ERR_ARGUMENT,
+                           "%g is neither a fraction (all four at most 1) nor a whole pixel",
+                           crop[i]);
+    }
+    for (int i = 0; i < 4; i++)
+        s->crop[i] = (uint32_t)crop[i];
+    return true;
+}
+
+static bool apply_options(struct scene *scene, const struct render_options *o, struct err *err)
+{
+    if (o->width > 0 && !pbrt_set_resolution(scene, o->width, o->height, err))
+        return err_wrap(err, "--resolution");
+    if (o->has_crop && !apply_crop(scene, o->crop, err))
+        return err_wrap(err, "--crop");
+    if (o->sampler >= 0)
+        scene->settings.sampler = (uint32_t)o->sampler;
+    if (o->has_max_depth)
+        scene->settings.max_depth = o->max_depth;
+    scene->settings.effects = scene_effects(scene);
+    return scene_check(scene, err);
+}
+
+static bool needs_planned_samples(uint32_t sampler)
+{
+    return sampler == SAMPLER_STRATIFIED || sampler == SAMPLER_HAMMERSLEY;
+}
+
+static bool shape(struct job_setup *setup, const struct render_options *o, struct err *err)
+{
+    const struct scene_settings *s = &setup->scene->settings;
+    struct job_spec *spec = &setup->spec;
+    *spec = (struct job_spec){
+        .seed = o->seed,
+        .channel_count = 3,
+        .depth_cap = s->max_depth < DEPTH_CAP ? s->max_depth : DEPTH_CAP,
+        .kernel = o->everything,
+        .max_lanes = o->lanes,
+    };
+    bool planned = needs_planned_samples(s->sampler);
+    if (o->time_s > 0 && planned)
+        return err_set(err, ERR_ARGUMENT,
+                       "--time: this sampler must know the samples beforehand; "
+                       "use --spp, or another sampler");
+    setup->spp_asked = o->time_s > 0    ? 0
+                       : o->spp > 0     ? o->spp
+                       : s->sampler_spp ? s->sampler_spp
+                                        : SPP_DEFAULT;
+    /* A job by time has the shape that any --spp large enough gives, so that its result can be had
+     * again by --spp */
+    uint64_t spp = o->time_s > 0 ? 1u << 20 : setup->spp_asked;
+    setup->spp = job_in_fours(&s->filter) ? job_shape_in_fours(spp, o->replicates, spec)
+                                          : job_shape(spp, o->replicates, spec);
+    setup->rounds = job_rounds(spec, setup->spp);
+    spec->planned_samples = planned ? setup->spp / spec->replicates : 0;
+    if (o->time_s > 0) {
+        setup->spp = 0;
+        setup->rounds = 1;
+    }
+    return true;
+}
+
+bool job_setup_open(const struct render_options *options, struct job_setup *setup, struct err *err)
+{
+    struct pbrt_options how = { .lenient = options->lenient };
+    struct pbrt_notes notes;
+    *setup = (struct job_setup){ 0 };
+    setup->scene = pbrt_read(options->scene, &how, &notes, err);
+    for (size_t i = 0; i < notes.count; i++)
+        fprintf(stderr, "%s\n", notes.lines[i]);
+    if (notes.warnings > 0)
+        fprintf(stderr, "%" PRIu64 " warnings: the picture lacks what the scene asks for\n",
+                notes.warnings);
+    pbrt_notes_free(&notes);
+    if (setup->scene == NULL)
+        return false;
+    if (apply_options(setup->scene, options, err) && shape(setup, options, err))
+        return true;
+    job_setup_close(setup);
+    return false;
+}
+
+void job_setup_close(struct job_setup *setup)
+{
+    scene_free(setup->scene);
+    setup->scene = NULL;
+}
+
+const char *job_setup_sampler_name(uint32_t sampler)
+{
+    switch (sampler) {
+#define X(name, number, text) \
+    case number:              \
+        return text;
+        SAMPLER_MAP(X)
+#undef X
+    }
+    return "unknown";
+}

@@ -1,0 +1,63 @@
+/*
+ * Reads pbrt-v4 scene text into the scene model.
+ *
+ * What pbrt knows and pathfarm does not yet is ERR_UNSUPPORTED at its position, or, when lenient, a
+ * counted note and a stand-in (grey diffuse for a material, nothing for a shape or a light). What
+ * pbrt does not know is ERR_SCENE with the nearest valid name. Nothing is silently ignored. Every
+ * error starts with file:line:column.
+ *
+ * Beyond pbrt: Material "mixture" with "rgb diffuse" and "rgb specular" (the lecture's: diffuse or
+ * a perfect mirror), and Sampler "hammersley".
+ *
+ * Where pbrt-v4 is of two minds: the normal of a sphere or disk under a mirroring transform is the
+ * object's own (outwards, +z), flipped by ReverseOrientation alone. A mesh with vertex normals is
+ * rewound at load, triangle by triangle, so that its geometric normal is on the side of the sum of
+ * the three vertex normals; its light leaves on that side. Area lights with "power" on a mesh emit
+ * that power from every triangle, as in pbrt.
+ *
+ * Thread: any, one call each.
+ */
+#ifndef MASTER_PBRT_H
+#define MASTER_PBRT_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct err;
+struct scene;
+
+struct pbrt_options {
+    bool lenient;
+};
+
+/* Lines worth telling the user, each with its position; equal ones are counted, not repeated. */
+struct pbrt_notes {
+    char **lines;
+    size_t count;
+    uint64_t warnings; /* how often something unsupported was skipped or replaced (lenient) */
+};
+void pbrt_notes_free(struct pbrt_notes *notes);
+
+/* The scene, checked and finished, or NULL with err set. `options` may be NULL (strict); `notes`
+ * may be NULL, else it is overwritten, and the caller's to free, also after an error. */
+struct scene *pbrt_read(const char *path, const struct pbrt_options *options,
+                        struct pbrt_notes *notes, struct err *err);
+
+/* The same from memory. `name` stands for the file in errors; files that the text names are looked
+ * for in the folder of `name`, and nowhere (an error) when `name` is NULL. */
+struct scene *pbrt_read_text(const char *text, size_t length, const char *name,
+                             const struct pbrt_options *options, struct pbrt_notes *notes,
+                             struct err *err);
+
+/*
+ * Change the resolution of a finished scene. The crop window keeps its fractions. The screen
+ * window follows when it has the picture's shape now (square pixels): its shorter side is kept, as
+ * if the file had named the new resolution. ERR_ARGUMENT outside 1..65536.
+ */
+bool pbrt_set_resolution(struct scene *scene, uint32_t width, uint32_t height, struct err *err);
+
+/* Render only these fractions of the picture, x0 x1 y0 y1, rounded as pbrt's cropwindow. */
+bool pbrt_set_crop(struct scene *scene, const double crop[4], struct err *err);
+
+#endif

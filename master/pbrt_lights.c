@@ -1,0 +1,164 @@
+#include "master/pbrt_reader.h"
+
+#include "common/elem.h"
+
+#include <math.h>
+
+#define PI       3.14159265358979323846
+#define COUNT(a) (sizeof(a) / sizeof((a)[0]))
+
+static const struct pbrt_name kinds[] = {
+    { "point", LIGHT_POINT, NAME_OURS, NULL },
+    { "spot", LIGHT_SPOT, NAME_OURS, NULL },
+    { "distant", LIGHT_DISTANT, NAME_OURS, NULL },
+    { "infinite", LIGHT_SKY, NAME_OURS, NULL },
+    { "goniometric", 0, NAME_LATER, NULL },
+    { "projection", 0, NAME_LATER, NULL },
+    { "exinfinite", 0, NAME_OLD, "in pbrt-v4 it is \"infinite\"" },
+    { "diffuse", 0, NAME_OLD, "that is an AreaLightSource" },
+};
+
+static const struct pbrt_name area_kinds[] = {
+    { "diffuse", 0, NAME_OURS, NULL },
+    { "area", 0, NAME_OLD, "in pbrt-v4 it is \"diffuse\"" },
+};
+
+/* A colour of light, white unless given, times "scale" */
+static void read_light(struct pbrt_params *params, const char *name, double rgb[3])
+{
+    rgb[0] = rgb[1] = rgb[2] = 1;
+    pbrt_color(params, name, COLOR_LIGHT, rgb);
+    double scale = pbrt_params_float(params, "scale", 1);
+    if (scale < 0)
+        pbrt_params_fail(params, pbrt_params_find(params, "scale"), "a scale of %g", scale);
+    for (int c = 0; c < 3; c++)
+        rgb[c] *= scale;
+}
+
+static void scale_to(double rgb[3], double wanted, double unit)
+{
+    for (int c = 0; c < 3; c++)
+        rgb[c] *= wanted / unit;
+}
+
+static void read_spot(struct pbrt_params *params, struct light *light, double *unit_power)
+{
+    double angle = pbrt_params_float(params, "coneangle", 30);
+    double delta = pbrt_params_float(params, "conedeltaangle", 5);
+    if (!(angle > 0 && angle <= 180 && delta >= 0 && delta <= angle)) {
+        pbrt_params_fail(params, NULL,
+                         "a cone of %g degrees with a falloff of %g degrees is not possible", angle,
+                         delta);
+        return;
+    }
+    double end = elem_cos(angle * (PI / 180)), start = elem_cos((angle - delta) * (PI / 180));
+    light->cos_falloff_start = (float)start;
+    light->cos_falloff_end = (float)end;
+    *unit_power = 2 * PI * ((1 - start) + (start - end) / 2);
+}
+
+/* "from" and "to" as a unit direction of travel in the world */
+static void read_direction(struct pbrt_params *params, const struct transform *ctm, double from[3],
+                           float direction[3])
+{
+    double to[3] = { 0, 0, 1 }, way[3];
+    pbrt_params_point(params, "to", to);
+    for (int i = 0; i < 3; i++)
+        way[i] = to[i] - from[i];
+    transform_vector(ctm, way, way);
+    double largest = fmax(fabs(way[0]), fmax(fabs(way[1]), fabs(way[2])));
+    if (!(largest > 0) || !isfinite(largest)) {
+        pbrt_params_fail(params, NULL, "\"from\" and \"to\" of a light are the same point");
+        return;
+    }
+    for (int i = 0; i < 3; i++)
+        way[i] /= largest;
+    double length = sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2]);
+    for (int i = 0; i < 3; i++)
+        direction[i] = (float)(way[i] / length);
+}
+
+static bool add_sky(struct pbrt_reader *reader, const double rgb[3])
+{
+    float *sky = reader->build->scene->settings.sky;
+    for (int c = 0; c < 3; c++)
+        sky[c] = (float)(sky[c] + rgb[c]);
+    return true;
+}
+
+bool pbrt_lights_add(struct pbrt_reader *reader, const struct pbrt_token *type)
+{
+    struct pbrt_params *params = &reader->params;
+    const struct pbrt_name *found;
+    if (!pbrt_name(reader, "light", kinds, COUNT(kinds), type, &found))
+        return false;
+    if (found == NULL)
+        return true;
+
+    struct build_light built = { .light = { .kind = (uint32_t)found->value,
+                                            .quadric = SCENE_NONE } };
+    struct light *light = &built.light;
+    const struct transform *ctm = &reader->state.ctm;
+    double rgb[3], from[3] = { 0, 0, 0 }, unit_power = 4 * PI;
+    bool delta = light->kind == LIGHT_POINT || light->kind == LIGHT_SPOT;
+    read_light(params, delta ? "I" : "L", rgb);
+    if (light->kind != LIGHT_SKY)
+        pbrt_params_point(params, "from", from);
+    if (light->kind == LIGHT_SPOT)
+        read_spot(params, light, &unit_power);
+    if (light->kind == LIGHT_SPOT || light->kind == LIGHT_DISTANT)
+        read_direction(params, ctm, from, light->direction);
+    if (delta) {
+        double power = pbrt_params_float(params, "power", 0);
+        if (power > 0)
+            scale_to(rgb, power, unit_power);
+        transform_point(ctm, from, built.position);
+    } else {
+        double illuminance = pbrt_params_float(params, "illuminance", 0);
+        if (illuminance > 0)
+            scale_to(rgb, illuminance, light->kind == LIGHT_SKY ? PI : 1);
+    }
+    if (light->kind == LIGHT_SKY) {
+        static const char *const later[] = { "filename", "mapname", "portal" };
+        for (size_t i = 0; i < COUNT(later); i++)
+            pbrt_params_later(params, later[i]);
+    }
+    if (!pbrt_params_done(params))
+        return false;
+    for (int i = 0; i < 3; i++) {
+        light->radiance[i] = (float)rgb[i];
+        if (!isfinite(light->radiance[i]) || !isfinite(built.position[i]))
+            return pbrt_fail(reader, &type->pos, "the light's numbers are too large");
+    }
+    if (rgb[0] == 0 && rgb[1] == 0 && rgb[2] == 0)
+        return true;
+    if (light->kind == LIGHT_SKY)
+        return add_sky(reader, rgb);
+    struct build_light *added = growing_add(&reader->build->lights, 1, sizeof(*added));
+    if (added == NULL)
+        return pbrt_no_memory(reader);
+    *added = built;
+    return true;
+}
+
+bool pbrt_lights_area(struct pbrt_reader *reader, const struct pbrt_token *type)
+{
+    struct pbrt_params *params = &reader->params;
+    const struct pbrt_name *found;
+    if (!pbrt_name(reader, "area light", area_kinds, COUNT(area_kinds), type, &found))
+        return false;
+    struct emitter emitter = { .pos = type->pos };
+    read_light(params, "L", emitter.radiance);
+    emitter.two_sided = pbrt_params_bool(params, "twosided", false);
+    emitter.power = fmax(0, pbrt_params_float(params, "power", 0));
+    pbrt_params_later(params, "filename");
+    if (!pbrt_params_done(params))
+        return false;
+    struct growing *emitters = &reader->build->emitters;
+    reader->state.emitter = (uint32_t)emitters->count;
+    struct emitter *added = growing_add(emitters, 1, sizeof(*added));
+    if (added == NULL)
+        return pbrt_no_memory(reader);
+    *added = emitter;
+    return true;
+}

@@ -1,0 +1,389 @@
+#include "master/pbrt_reader.h"
+
+#include "master/coat.h"
+#include "master/spectrum.h"
+
+#include <math.h>
+#include <string.h>
+
+#define COUNT(a)    (sizeof(a) / sizeof((a)[0]))
+#define MIX_DEPTH   32   /* of mixes in mixes */
+#define ALPHA_LEAST 1e-4 /* of one axis when the other is rough: as pbrt */
+
+static const struct pbrt_name kinds[] = {
+    { "diffuse", MATERIAL_DIFFUSE, NAME_OURS, NULL },
+    { "mixture", MATERIAL_MIXTURE, NAME_OURS, NULL },
+    { "conductor", MATERIAL_CONDUCTOR, NAME_OURS, NULL },
+    { "dielectric", MATERIAL_DIELECTRIC, NAME_OURS, NULL },
+    { "coateddiffuse", MATERIAL_COAT, NAME_OURS, NULL },
+    { "mix", MATERIAL_MIX, NAME_OURS, NULL },
+    { "coatedconductor", 0, NAME_LATER, NULL },
+    { "diffusetransmission", 0, NAME_LATER, NULL },
+    { "hair", 0, NAME_LATER, NULL },
+    { "interface", 0, NAME_LATER, NULL },
+    { "", 0, NAME_LATER, NULL },
+    { "measured", 0, NAME_LATER, NULL },
+    { "subsurface", 0, NAME_LATER, NULL },
+    { "thindielectric", 0, NAME_LATER, NULL },
+    { "disney", 0, NAME_OLD, "pbrt-v4 has no such material" },
+    { "fourier", 0, NAME_OLD, "in pbrt-v4 there is \"measured\"" },
+    { "glass", 0, NAME_OLD, "in pbrt-v4 it is \"dielectric\"" },
+    { "kdsubsurface", 0, NAME_OLD, "in pbrt-v4 it is \"subsurface\"" },
+    { "matte", 0, NAME_OLD, "in pbrt-v4 it is \"diffuse\"" },
+    { "metal", 0, NAME_OLD, "in pbrt-v4 it is \"conductor\"" },
+    { "mirror", 0, NAME_OLD, "in pbrt-v4 it is \"conductor\"" },
+    { "none", 0, NAME_OLD, "in pbrt-v4 it is \"interface\"" },
+    { "plastic", 0, NAME_OLD, "in pbrt-v4 it is \"coateddiffuse\"" },
+    { "substrate", 0, NAME_OLD, "in pbrt-v4 it is \"coateddiffuse\"" },
+    { "translucent", 0, NAME_OLD, "in pbrt-v4 it is \"diffusetransmission\"" },
+    { "uber", 0, NAME_OLD, "in pbrt-v4 there is \"coateddiffuse\"" },
+};
+
+struct pbrt_coat {
+    float alpha, ior;
+    double thickness;
+    struct coat coat;
+    uint32_t table; /* index among the scene's */
+};
+
+/* --- Parameters --------------------------------------------------------------------------- */
+
+static void to_float(const double from[3], float to[3])
+{
+    for (int i = 0; i < 3; i++)
+        to[i] = (float)from[i];
+}
+
+static void read_reflectance(struct pbrt_params *params, const char *name, double otherwise,
+                             float color[3])
+{
+    double rgb[3] = { otherwise, otherwise, otherwise };
+    pbrt_color(params, name, COLOR_REFLECTANCE, rgb);
+    to_float(rgb, color);
+}
+
+/* GGX widths: pbrt's remapping is a square root, and small roughness is none */
+static void read_roughness(struct pbrt_params *params, float alpha[2])
+{
+    double both = pbrt_params_float(params, "roughness", 0);
+    double axes[2] = { pbrt_params_float(params, "uroughness", both),
+                       pbrt_params_float(params, "vroughness", both) };
+    bool remap = pbrt_params_bool(params, "remaproughness", true);
+    for (int i = 0; i < 2; i++) {
+        if (!(axes[i] >= 0 && axes[i] <= 100)) {
+            pbrt_params_fail(params, NULL, "a roughness of %g is outside 0 to 100", axes[i]);
+            return;
+        }
+        axes[i] = remap ? sqrt(axes[i]) : axes[i];
+    }
+    bool smooth = axes[0] < ALPHA_SMOOTH && axes[1] < ALPHA_SMOOTH;
+    for (int i = 0; i < 2; i++)
+        alpha[i] = smooth ? 0 : (float)fmax(axes[i], ALPHA_LEAST);
+}
+
+/* An index of refraction: a number, or a spectrum's mean */
+static float read_ior(struct pbrt_params *params)
+{
+    double rgb[3] = { 1.5, 1.5, 1.5 };
+    if (pbrt_color(params, "eta", COLOR_INDEX, rgb) && (rgb[0] != rgb[1] || rgb[1] != rgb[2]))
+        pbrt_note(params->reader, &params->pos, "one index of refraction is used for all colours");
+    double ior = (rgb[0] + rgb[1] + rgb[2]) / 3;
+    if (!params->failed && !(ior >= 0.1 && ior <= 10))
+        pbrt_params_fail(params, pbrt_params_find(params, "eta"),
+                         "an index of refraction of %g is outside .1 to 10", ior);
+    return (float)ior;
+}
+
+static void read_conductor(struct pbrt_params *params, struct material *material)
+{
+    double reflectance[3], eta[3], k[3];
+    bool has_reflectance = pbrt_color(params, "reflectance", COLOR_REFLECTANCE, reflectance);
+    bool has_eta = pbrt_color(params, "eta", COLOR_INDEX, eta);
+    bool has_k = pbrt_color(params, "k", COLOR_INDEX, k);
+    if (has_reflectance && (has_eta || has_k)) {
+        pbrt_params_fail(params, pbrt_params_find(params, "reflectance"),
+                         "a conductor has either reflectance or eta and k");
+        return;
+    }
+    double copper_eta[3], copper_k[3];
+    spectrum_metal("metal-Cu-eta", copper_eta);
+    spectrum_metal("metal-Cu-k", copper_k);
+    for (int c = 0; c < 3; c++) {
+        if (has_reflectance) {
+            /* The k that reflects r at normal incidence, for eta 1; never quite all of it */
+            double r = fmin(reflectance[c], 0.9999);
+            material->eta[c] = 1;
+            material->k[c] = (float)(2 * sqrt(r) / sqrt(1 - r));
+        } else {
+            material->eta[c] = (float)(has_eta ? eta[c] : copper_eta[c]);
+            material->k[c] = (float)(has_k ? k[c] : copper_k[c]);
+        }
+        if (!params->failed && !(material->eta[c] > 0))
+            pbrt_params_fail(params, pbrt_params_find(params, "eta"), "a conductor's eta of %g",
+                             material->eta[c]);
+    }
+    read_roughness(params, material->alpha);
+}
+
+static void read_coat(struct pbrt_params *params, struct pbrt_material *definition)
+{
+    struct material *material = &definition->material;
+    read_reflectance(params, "reflectance", 0.5, material->reflectance);
+    read_roughness(params, material->alpha);
+    material->ior = read_ior(params);
+    definition->coat_thickness = pbrt_params_float(params, "thickness", 0.01);
+    if (!(definition->coat_thickness >= 0 && definition->coat_thickness < 1e6))
+        pbrt_params_fail(params, pbrt_params_find(params, "thickness"), "a thickness of %g",
+                         definition->coat_thickness);
+    double albedo[3] = { 0, 0, 0 };
+    if (pbrt_color(params, "albedo", COLOR_REFLECTANCE, albedo) &&
+        (albedo[0] > 0 || albedo[1] > 0 || albedo[2] > 0) && !params->failed)
+        params->failed = !pbrt_later(params->reader, &params->pos,
+                                     "a coat with a medium that scatters (\"albedo\")");
+    pbrt_params_float(params, "g", 0); /* of that medium */
+    pbrt_params_ignore(params, "maxdepth");
+    pbrt_params_ignore(params, "nsamples"); /* of a walk that we do not take */
+}
+
+static void read_mix(struct pbrt_params *params, struct pbrt_material *definition)
+{
+    struct pbrt_reader *reader = params->reader;
+    size_t count;
+    const struct pbrt_token *names = pbrt_params_strings(params, "materials", &count);
+    double amount = pbrt_params_float(params, "amount", 0.5);
+    if (!params->failed && (names == NULL || count != 2))
+        pbrt_params_fail(params, pbrt_params_find(params, "materials"),
+                         "a mix wants \"string materials\" with two names");
+    if (!(amount >= 0 && amount <= 1))
+        pbrt_params_fail(params, pbrt_params_find(params, "amount"),
+                         "an amount of %g is outside 0 to 1", amount);
+    definition->material.mix_amount = (float)amount;
+    if (params->failed)
+        return;
+    struct pbrt_token *copies = growing_add(&reader->mix_names, 2, sizeof(*copies));
+    if (copies == NULL) {
+        params->failed = true;
+        pbrt_no_memory(reader);
+        return;
+    }
+    for (int i = 0; i < 2; i++) {
+        copies[i] = names[i];
+        definition->mixes[i] = (uint32_t)(reader->mix_names.count - 2 + (size_t)i);
+    }
+}
+
+static void read_material(struct pbrt_params *params, struct pbrt_material *definition)
+{
+    struct material *material = &definition->material;
+    switch (material->kind) {
+    case MATERIAL_DIFFUSE:
+        read_reflectance(params, "reflectance", 0.5, material->reflectance);
+        break;
+    case MATERIAL_MIXTURE:
+        read_reflectance(params, "diffuse", 0.25, material->reflectance);
+        read_reflectance(params, "specular", 0.25, material->specular);
+        for (int c = 0; c < 3; c++)
+            if (material->reflectance[c] + material->specular[c] > 1 + 1e-6f)
+                pbrt_params_fail(params, NULL,
+                                 "diffuse + specular is %g: a mixture cannot return more than it "
+                                 "receives",
+                                 material->reflectance[c] + material->specular[c]);
+        break;
+    case MATERIAL_CONDUCTOR:
+        read_conductor(params, material);
+        break;
+    case MATERIAL_DIELECTRIC:
+        material->ior = read_ior(params);
+        read_roughness(params, material->alpha);
+        break;
+    case MATERIAL_COAT:
+        read_coat(params, definition);
+        break;
+    default:
+        read_mix(params, definition);
+    }
+    static const char *const later[] = { "displacement", "normalmap", "bumpmap" };
+    for (size_t i = 0; i < COUNT(later); i++)
+        pbrt_params_later(params, later[i]);
+}
+
+/* --- Definitions -------------------------------------------------------------------------- */
+
+static bool add_definition(struct pbrt_reader *reader, const struct pbrt_material *definition,
+                           uint32_t *index)
+{
+    *index = (uint32_t)reader->materials.count;
+    struct pbrt_material *added = growing_add(&reader->materials, 1, sizeof(*added));
+    if (added == NULL)
+        return pbrt_no_memory(reader);
+    *added = *definition;
+    return true;
+}
+
+static struct pbrt_material grey_diffuse(const struct source_pos *pos)
+{
+    return (struct pbrt_material){ .material = { .kind = MATERIAL_DIFFUSE,
+                                                 .reflectance = { 0.5f, 0.5f, 0.5f } },
+                                   .in_scene = SCENE_NONE,
+                                   .pos = *pos };
+}
+
+/* The parameters just read, as a material of kind `type` */
+static bool parse(struct pbrt_reader *reader, const struct pbrt_token *type, uint32_t *index)
+{
+    const struct pbrt_name *found;
+    if (!pbrt_name(reader, "material", kinds, COUNT(kinds), type, &found))
+        return false;
+    struct pbrt_material definition = grey_diffuse(&type->pos);
+    if (found != NULL) {
+        definition.material = (struct material){ .kind = (uint32_t)found->value };
+        read_material(&reader->params, &definition);
+        if (!pbrt_params_done(&reader->params))
+            return false;
+    }
+    return add_definition(reader, &definition, index);
+}
+
+bool pbrt_materials_start(struct pbrt_reader *reader)
+{
+    const struct source_pos nowhere = { "", 0, 0 };
+    struct pbrt_material definition = grey_diffuse(&nowhere);
+    return add_definition(reader, &definition, &reader->state.material);
+}
+
+bool pbrt_materials_set(struct pbrt_reader *reader, const struct pbrt_token *type)
+{
+    return parse(reader, type, &reader->state.material);
+}
+
+static const struct pbrt_material_name *find_name(const struct pbrt_reader *reader,
+                                                  const struct pbrt_token *name)
+{
+    const struct pbrt_material_name *names = reader->material_names.data;
+    for (size_t i = 0; i < reader->material_names.count; i++)
+        if (names[i].length == name->length && memcmp(names[i].text, name->text, name->length) == 0)
+            return &names[i];
+    return NULL;
+}
+
+static bool no_such_material(struct pbrt_reader *reader, const struct pbrt_token *name)
+{
+    const struct pbrt_material_name *names = reader->material_names.data;
+    if (reader->material_names.count == 0)
+        return pbrt_fail(reader, &name->pos, "no material \"%.*s\": none has been named",
+                         (int)name->length, name->text);
+
+    /* The first few hundred are enough to be helpful */
+    char texts[256][48];
+    const char *list[256];
+    size_t count = reader->material_names.count < 256 ? reader->material_names.count : 256;
+    for (size_t i = 0; i < count; i++) {
+        size_t length = names[i].length < sizeof(texts[i]) ? names[i].length : sizeof(texts[i]) - 1;
+        memcpy(texts[i], names[i].text, length);
+        texts[i][length] = '\0';
+        list[i] = texts[i];
+    }
+    return pbrt_fail(reader, &name->pos, "no material \"%.*s\"; the nearest is \"%s\"",
+                     (int)name->length, name->text,
+                     pbrt_names_nearest_of(list, count, name->text, name->length));
+}
+
+bool pbrt_materials_define(struct pbrt_reader *reader, const struct pbrt_token *name)
+{
+    const struct pbrt_token *type = pbrt_params_string(&reader->params, "type");
+    if (type == NULL) {
+        if (!reader->params.failed)
+            pbrt_params_fail(&reader->params, NULL, "a named material wants \"string type\"");
+        return false;
+    }
+    if (find_name(reader, name) != NULL)
+        return pbrt_fail(reader, &name->pos, "material \"%.*s\" is defined twice",
+                         (int)name->length, name->text);
+    uint32_t definition;
+    struct pbrt_token type_copy = *type;
+    if (!parse(reader, &type_copy, &definition))
+        return false;
+    struct pbrt_material_name *added = growing_add(&reader->material_names, 1, sizeof(*added));
+    if (added == NULL)
+        return pbrt_no_memory(reader);
+    *added = (struct pbrt_material_name){ name->text, name->length, definition };
+    return true;
+}
+
+bool pbrt_materials_use(struct pbrt_reader *reader, const struct pbrt_token *name)
+{
+    const struct pbrt_material_name *found = find_name(reader, name);
+    if (found == NULL)
+        return no_such_material(reader, name);
+    reader->state.material = found->definition;
+    return true;
+}
+
+/* --- Into the scene ----------------------------------------------------------------------- */
+
+/* The table of a coat, computed once for equal coats */
+static bool resolve_coat(struct pbrt_reader *reader, struct material *material, double thickness)
+{
+    float alpha = (material->alpha[0] + material->alpha[1]) / 2;
+    struct pbrt_coat *coats = reader->coats.data, *coat = NULL;
+    for (size_t i = 0; i < reader->coats.count && coat == NULL; i++)
+        if (coats[i].alpha == alpha && coats[i].ior == material->ior &&
+            coats[i].thickness == thickness)
+            coat = &coats[i];
+    if (coat == NULL) {
+        struct growing *tables = &reader->build->coat_tables;
+        coat = growing_add(&reader->coats, 1, sizeof(*coat));
+        float *table = growing_add(tables, 1, COAT_TABLE_LEN * sizeof(float));
+        if (coat == NULL || table == NULL)
+            return pbrt_no_memory(reader);
+        *coat = (struct pbrt_coat){ .alpha = alpha,
+                                    .ior = material->ior,
+                                    .thickness = thickness,
+                                    .table = (uint32_t)(tables->count - 1) };
+        coat_tabulate(alpha, material->ior, thickness, &coat->coat);
+        memcpy(table, coat->coat.table, sizeof(coat->coat.table));
+    }
+    material->coat_table = coat->table;
+    material->coat_inner = coat->coat.inner;
+    material->coat_scale = coat->coat.scale;
+    return true;
+}
+
+static bool resolve(struct pbrt_reader *reader, uint32_t index, int depth, uint32_t *in_scene)
+{
+    struct pbrt_material *definition = (struct pbrt_material *)reader->materials.data + index;
+    if (definition->in_scene != SCENE_NONE) {
+        *in_scene = definition->in_scene;
+        return true;
+    }
+    if (definition->busy || depth == MIX_DEPTH)
+        return pbrt_fail(reader, &definition->pos, "%s",
+                         definition->busy ? "this mix contains itself"
+                                          : "too many mixes inside each other");
+    definition->busy = true;
+    struct material material = definition->material;
+    if (material.kind == MATERIAL_COAT &&
+        !resolve_coat(reader, &material, definition->coat_thickness))
+        return false;
+    for (int i = 0; material.kind == MATERIAL_MIX && i < 2; i++) {
+        const struct pbrt_token *name = (struct pbrt_token *)reader->mix_names.data +
+                                        definition->mixes[i];
+        const struct pbrt_material_name *found = find_name(reader, name);
+        if (found == NULL)
+            return no_such_material(reader, name);
+        if (!resolve(reader, found->definition, depth + 1, &material.mix[i]))
+            return false;
+    }
+    struct material *added = growing_add(&reader->build->materials, 1, sizeof(*added));
+    if (added == NULL)
+        return pbrt_no_memory(reader);
+    *added = material;
+    definition->busy = false;
+    definition->in_scene = *in_scene = (uint32_t)(reader->build->materials.count - 1);
+    return true;
+}
+
+bool pbrt_materials_resolve(struct pbrt_reader *reader, uint32_t *in_scene)
+{
+    return resolve(reader, reader->state.material, 0, in_scene);
+}

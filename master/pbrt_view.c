@@ -1,0 +1,369 @@
+#include "master/pbrt_reader.h"
+
+#include "common/elem.h"
+
+#include <math.h>
+#include <string.h>
+
+#define PI        3.14159265358979323846
+#define COUNT(a)  (sizeof(a) / sizeof((a)[0]))
+#define SIZE_MOST 65536 /* pixels along a side */
+
+static struct scene_settings *settings_of(struct pbrt_reader *reader)
+{
+    return &reader->build->scene->settings;
+}
+
+void pbrt_view_defaults(struct pbrt_view *view)
+{
+    *view = (struct pbrt_view){ .kind = CAMERA_PERSPECTIVE,
+                                .world_from_camera = transform_identity(),
+                                .fov = PI / 2,
+                                .focal_distance = 1e6,
+                                .width = 1280,
+                                .height = 720,
+                                .crop = { 0, 1, 0, 1 } };
+}
+
+/* --- Camera ------------------------------------------------------------------------------- */
+
+static const struct pbrt_name cameras[] = {
+    { "perspective", CAMERA_PERSPECTIVE, NAME_OURS, NULL },
+    { "orthographic", CAMERA_ORTHOGRAPHIC, NAME_OURS, NULL },
+    { "realistic", 0, NAME_LATER, NULL },
+    { "spherical", 0, NAME_LATER, NULL },
+    { "environment", 0, NAME_OLD, "in pbrt-v4 it is \"spherical\"" },
+};
+
+bool pbrt_view_camera(struct pbrt_reader *reader, const struct pbrt_token *type)
+{
+    struct pbrt_params *params = &reader->params;
+    struct pbrt_view *view = &reader->view;
+    const struct pbrt_name *found;
+    if (!pbrt_name(reader, "camera", cameras, COUNT(cameras), type, &found))
+        return false;
+    if (!transform_invert(&reader->state.ctm, &view->world_from_camera))
+        return pbrt_fail(reader, &type->pos, "the camera's transform cannot be inverted");
+    reader->camera_space = view->world_from_camera;
+    if (found == NULL)
+        return true;
+    view->kind = (enum camera_kind)found->value;
+
+    size_t corners;
+    const double *screen = pbrt_params_array(params, "screenwindow", PARAM_FLOAT, &corners);
+    view->has_screen = screen != NULL;
+    if (screen != NULL && (corners != 4 || screen[0] == screen[1] || screen[2] == screen[3]))
+        pbrt_params_fail(params, pbrt_params_find(params, "screenwindow"),
+                         "\"float screenwindow\" wants x min, x max, y min, y max");
+    else if (screen != NULL)
+        memcpy(view->screen, screen, sizeof(view->screen));
+    view->aspect = pbrt_params_float(params, "frameaspectratio", 0);
+    view->lens_radius = pbrt_params_float(params, "lensradius", 0);
+    view->focal_distance = pbrt_params_float(params, "focaldistance", 1e6);
+    if (view->kind == CAMERA_PERSPECTIVE) {
+        double fov = pbrt_params_float(params, "fov", 90);
+        double half = pbrt_params_float(params, "halffov", 0);
+        fov = half > 0 ? 2 * half : fov;
+        if (!(fov > 0 && fov < 180))
+            pbrt_params_fail(params, pbrt_params_find(params, "fov"),
+                             "a field of view of %g degrees is outside 0 to 180", fov);
+        view->fov = fov * (PI / 180);
+    }
+    if (view->aspect < 0 || view->lens_radius < 0 || !(view->focal_distance > 0))
+        pbrt_params_fail(params, NULL,
+                         "frameaspectratio, lensradius and focaldistance must be positive");
+    pbrt_params_ignore(params, "shutteropen"); /* nothing moves yet */
+    pbrt_params_ignore(params, "shutterclose");
+    return pbrt_params_done(params);
+}
+
+/* --- Film --------------------------------------------------------------------------------- */
+
+enum { FILM_RGB, FILM_GBUFFER };
+static const struct pbrt_name films[] = {
+    { "rgb", FILM_RGB, NAME_OURS, NULL },
+    { "gbuffer", FILM_GBUFFER, NAME_OURS, NULL },
+    { "spectral", 0, NAME_LATER, NULL },
+    { "image", 0, NAME_OLD, "in pbrt-v4 it is \"rgb\"" },
+};
+
+static void read_size(struct pbrt_params *params, const char *name, uint32_t otherwise,
+                      uint32_t *size)
+{
+    int64_t value = pbrt_params_integer(params, name, otherwise);
+    if (value < 1 || value > SIZE_MOST)
+        pbrt_params_fail(params, pbrt_params_find(params, name), "%s is %lld; 1 to %d is possible",
+                         name, (long long)value, SIZE_MOST);
+    else
+        *size = (uint32_t)value;
+}
+
+/* Sensors that measure anything but plain radiance change brightness and colours */
+static void read_sensor(struct pbrt_params *params)
+{
+    const struct pbrt_token *sensor = pbrt_params_string(params, "sensor");
+    if (sensor != NULL && !pbrt_token_is(sensor, "cie1931") && !params->failed)
+        params->failed = !pbrt_later(params->reader, &sensor->pos, "the film sensor \"%.*s\"",
+                                     (int)sensor->length, sensor->text);
+    static const struct {
+        const char *name;
+        double neutral;
+    } exposures[] = {
+        { "iso", 100 }, { "exposuretime", 1 }, { "whitebalance", 0 }, { "imagingratio", 1 }
+    };
+    for (size_t i = 0; i < COUNT(exposures); i++)
+        if (pbrt_params_float(params, exposures[i].name, exposures[i].neutral) !=
+            exposures[i].neutral)
+            pbrt_params_later(params, exposures[i].name);
+    if (pbrt_params_find(params, "maxcomponentvalue") != NULL)
+        pbrt_params_later(params, "maxcomponentvalue");
+}
+
+bool pbrt_view_film(struct pbrt_reader *reader, const struct pbrt_token *type)
+{
+    struct pbrt_params *params = &reader->params;
+    struct pbrt_view *view = &reader->view;
+    const struct pbrt_name *found;
+    if (!pbrt_name(reader, "film", films, COUNT(films), type, &found))
+        return false;
+    if (found != NULL && found->value == FILM_GBUFFER)
+        pbrt_note(reader, &type->pos, "film \"gbuffer\" is read as \"rgb\"");
+
+    read_size(params, "xresolution", 1280, &view->width);
+    read_size(params, "yresolution", 720, &view->height);
+    size_t count;
+    const double *crop = pbrt_params_array(params, "cropwindow", PARAM_FLOAT, &count);
+    if (crop != NULL && (count != 4 || !(crop[0] >= 0 && crop[0] < crop[1] && crop[1] <= 1 &&
+                                         crop[2] >= 0 && crop[2] < crop[3] && crop[3] <= 1)))
+        pbrt_params_fail(params, pbrt_params_find(params, "cropwindow"),
+                         "\"float cropwindow\" wants x0 x1 y0 y1 with 0 <= x0 < x1 <= 1");
+    else if (crop != NULL)
+        memcpy(view->crop, crop, sizeof(view->crop));
+    const double *bounds = pbrt_params_array(params, "pixelbounds", PARAM_INTEGER, &count);
+    view->has_pixel_bounds = bounds != NULL;
+    if (bounds != NULL && count != 4)
+        pbrt_params_fail(params, pbrt_params_find(params, "pixelbounds"),
+                         "\"integer pixelbounds\" wants x0 x1 y0 y1");
+    for (size_t i = 0; bounds != NULL && i < count && i < 4; i++)
+        view->pixel_bounds[i] = (int64_t)bounds[i];
+
+    read_sensor(params);
+    pbrt_params_string(params, "filename");
+    pbrt_params_bool(params, "savefp16", true);
+    pbrt_params_float(params, "diagonal", 35);
+    if (found == NULL || found->value == FILM_GBUFFER)
+        pbrt_params_ignore(params, "coordinatesystem");
+    if (found == NULL) { /* lenient: a spectral film */
+        pbrt_params_ignore(params, "nbuckets");
+        pbrt_params_ignore(params, "lambdamin");
+        pbrt_params_ignore(params, "lambdamax");
+    }
+    return pbrt_params_done(params);
+}
+
+/* --- Filter ------------------------------------------------------------------------------- */
+
+static const struct pbrt_name filters[] = {
+    { "box", FILTER_BOX, NAME_OURS, NULL },
+    { "triangle", FILTER_TRIANGLE, NAME_OURS, NULL },
+    { "gaussian", FILTER_GAUSSIAN, NAME_OURS, NULL },
+    { "mitchell", FILTER_MITCHELL, NAME_OURS, NULL },
+    { "sinc", 0, NAME_LATER, NULL },
+};
+
+bool pbrt_view_filter(struct pbrt_reader *reader, const struct pbrt_token *type)
+{
+    struct pbrt_params *params = &reader->params;
+    const struct pbrt_name *found;
+    if (!pbrt_name(reader, "pixel filter", filters, COUNT(filters), type, &found))
+        return false;
+    if (found == NULL)
+        return true;
+    static const double radius[] = {
+        [FILTER_BOX] = 0.5, [FILTER_TRIANGLE] = 2, [FILTER_GAUSSIAN] = 1.5, [FILTER_MITCHELL] = 2
+    };
+    struct filter_spec filter = { .kind = (uint32_t)found->value };
+    filter.radius[0] = (float)pbrt_params_float(params, "xradius", radius[found->value]);
+    filter.radius[1] = (float)pbrt_params_float(params, "yradius", radius[found->value]);
+    if (filter.kind == FILTER_GAUSSIAN)
+        filter.sigma = (float)pbrt_params_float(params, "sigma", 0.5);
+    if (filter.kind == FILTER_MITCHELL) {
+        filter.b = (float)pbrt_params_float(params, "B", 1.0 / 3);
+        filter.c = (float)pbrt_params_float(params, "C", 1.0 / 3);
+    }
+    for (int axis = 0; axis < 2; axis++)
+        if (!(filter.radius[axis] > 1e-3f && filter.radius[axis] <= 64))
+            pbrt_params_fail(params, NULL, "a filter radius of %g pixels is outside .001 to 64",
+                             filter.radius[axis]);
+    if (filter.kind == FILTER_GAUSSIAN && !(filter.sigma > 1e-3f && filter.sigma <= 1e3f))
+        pbrt_params_fail(params, NULL, "a sigma of %g pixels is outside .001 to 1000",
+                         filter.sigma);
+    if (fabsf(filter.b) > 10 || fabsf(filter.c) > 10)
+        pbrt_params_fail(params, NULL, "the filter's B and C are outside -10 to 10");
+    settings_of(reader)->filter = filter;
+    return pbrt_params_done(params);
+}
+
+/* --- Sampler ------------------------------------------------------------------------------ */
+
+static const struct pbrt_name samplers[] = {
+    { "sobol", SAMPLER_SOBOL, NAME_OURS, NULL },
+    { "independent", SAMPLER_INDEPENDENT, NAME_OURS, NULL },
+    { "stratified", SAMPLER_STRATIFIED, NAME_OURS, NULL },
+    { "halton", SAMPLER_HALTON, NAME_OURS, NULL },
+    { "hammersley", SAMPLER_HAMMERSLEY, NAME_OURS, NULL },
+    { "zsobol", SAMPLER_SOBOL, NAME_LATER, NULL },
+    { "paddedsobol", SAMPLER_SOBOL, NAME_LATER, NULL },
+    { "pmj02bn", SAMPLER_SOBOL, NAME_LATER, NULL },
+    { "random", 0, NAME_OLD, "in pbrt-v4 it is \"independent\"" },
+    { "lowdiscrepancy", 0, NAME_OLD, "in pbrt-v4 there is \"paddedsobol\"" },
+    { "02sequence", 0, NAME_OLD, "in pbrt-v4 there is \"paddedsobol\"" },
+    { "zerotwosequence", 0, NAME_OLD, "in pbrt-v4 there is \"paddedsobol\"" },
+    { "maxmindist", 0, NAME_OLD, "in pbrt-v4 there is \"pmj02bn\"" },
+};
+
+bool pbrt_view_sampler(struct pbrt_reader *reader, const struct pbrt_token *type)
+{
+    struct pbrt_params *params = &reader->params;
+    const struct pbrt_name *found = pbrt_names_find(samplers, COUNT(samplers), type);
+    if (found != NULL && found->state == NAME_LATER)
+        pbrt_note(reader, &type->pos, "sampler \"%s\" renders as \"sobol\"", found->text);
+    else if (!pbrt_name(reader, "sampler", samplers, COUNT(samplers), type, &found))
+        return false;
+
+    struct scene_settings *settings = settings_of(reader);
+    settings->sampler = (uint32_t)found->value;
+    int64_t spp = 0;
+    if (settings->sampler == SAMPLER_STRATIFIED) {
+        const struct pbrt_param *x = pbrt_params_find(params, "xsamples");
+        int64_t nx = pbrt_params_integer(params, "xsamples", 4);
+        int64_t ny = pbrt_params_integer(params, "ysamples", 4);
+        bool given = x != NULL || pbrt_params_find(params, "ysamples") != NULL;
+        if (nx < 1 || ny < 1 || nx > SIZE_MOST || ny > SIZE_MOST / 2)
+            pbrt_params_fail(params, x, "%lld x %lld samples are not possible", (long long)nx,
+                             (long long)ny);
+        spp = given ? nx * ny : 0;
+        if (!pbrt_params_bool(params, "jitter", true))
+            pbrt_params_later(params, "jitter");
+    }
+    int64_t asked = pbrt_params_integer(params, "pixelsamples", 0);
+    if (asked < 0 || asked > UINT32_MAX / 2 ||
+        (asked == 0 && pbrt_params_find(params, "pixelsamples") != NULL))
+        pbrt_params_fail(params, pbrt_params_find(params, "pixelsamples"),
+                         "%lld samples per pixel are not possible", (long long)asked);
+    settings->sampler_spp = (uint32_t)(asked > 0 ? asked : spp);
+
+    const struct pbrt_token *randomization = pbrt_params_string(params, "randomization");
+    static const char *const known[] = { "none", "permutedigits", "fastowen", "owen" };
+    if (randomization != NULL) {
+        bool valid = false;
+        for (size_t i = 0; i < COUNT(known); i++)
+            valid = valid || pbrt_token_is(randomization, known[i]);
+        if (!valid)
+            pbrt_params_fail(params, pbrt_params_find(params, "randomization"),
+                             "unknown randomization \"%.*s\"; the nearest is \"%s\"",
+                             (int)randomization->length, randomization->text,
+                             pbrt_names_nearest_of(known, COUNT(known), randomization->text,
+                                                   randomization->length));
+        else if (pbrt_token_is(randomization, "none"))
+            pbrt_note(reader, &randomization->pos,
+                      "samplers are randomised always, or the error would be unknown");
+    }
+    if (pbrt_params_find(params, "seed") != NULL) {
+        pbrt_params_integer(params, "seed", 0);
+        pbrt_note(reader, &type->pos, "the sampler's seed is not used: the job has one (--seed)");
+    }
+    return pbrt_params_done(params);
+}
+
+/* --- Integrator --------------------------------------------------------------------------- */
+
+static const struct pbrt_name integrators[] = {
+    { "path", 0, NAME_OURS, NULL },
+    { "volpath", 0, NAME_OURS, NULL },
+    { "simplepath", 0, NAME_OURS, NULL },
+    { "simplevolpath", 0, NAME_OURS, NULL },
+    { "randomwalk", 0, NAME_OURS, NULL },
+    { "ambientocclusion", 0, NAME_LATER, NULL },
+    { "bdpt", 0, NAME_LATER, NULL },
+    { "function", 0, NAME_LATER, NULL },
+    { "lightpath", 0, NAME_LATER, NULL },
+    { "mlt", 0, NAME_LATER, NULL },
+    { "sppm", 0, NAME_LATER, NULL },
+    { "ao", 0, NAME_OLD, "in pbrt-v4 it is \"ambientocclusion\"" },
+    { "directlighting", 0, NAME_OLD, "write \"path\" with \"integer maxdepth\" 1" },
+    { "whitted", 0, NAME_OLD, "in pbrt-v4 there is \"path\"" },
+};
+
+bool pbrt_view_integrator(struct pbrt_reader *reader, const struct pbrt_token *type)
+{
+    struct pbrt_params *params = &reader->params;
+    const struct pbrt_name *found;
+    if (!pbrt_name(reader, "integrator", integrators, COUNT(integrators), type, &found))
+        return false;
+    int64_t depth = pbrt_params_integer(params, "maxdepth", -1);
+    if (pbrt_params_find(params, "maxdepth") != NULL && (depth < 0 || depth >= SCENE_NONE))
+        pbrt_params_fail(params, pbrt_params_find(params, "maxdepth"), "a depth of %lld",
+                         (long long)depth);
+    settings_of(reader)->max_depth = depth >= 0 ? (uint32_t)depth : SCENE_NONE;
+    if (pbrt_params_bool(params, "regularize", false))
+        pbrt_params_later(params, "regularize");
+    static const char *const same_picture[] = { "lightsampler", "lightsampling", "samplelights",
+                                                "samplebsdf", "rrthreshold" };
+    for (size_t i = 0; i < COUNT(same_picture); i++)
+        pbrt_params_ignore(params, same_picture[i]);
+    if (found == NULL) /* lenient: another integrator's parameters */
+        for (size_t i = 0; i < params->items.count; i++)
+            ((struct pbrt_param *)params->items.data)[i].used = true;
+    return pbrt_params_done(params);
+}
+
+/* --- All together ------------------------------------------------------------------------- */
+
+/* The shorter axis of the picture spans [-1, 1], times the extent of the field of view */
+static void screen_of(double aspect, double extent, float screen[4])
+{
+    double x = aspect > 1 ? aspect : 1, y = aspect > 1 ? 1 : 1 / aspect;
+    screen[0] = (float)(-x * extent);
+    screen[1] = (float)(x * extent);
+    screen[2] = (float)(-y * extent);
+    screen[3] = (float)(y * extent);
+}
+
+static void crop_of(const double fractions[4], uint32_t width, uint32_t height, uint32_t crop[4])
+{
+    const uint32_t size[4] = { width, width, height, height };
+    for (int i = 0; i < 4; i++)
+        crop[i] = (uint32_t)ceil(fractions[i] * size[i] - 1e-6);
+}
+
+bool pbrt_view_finish(struct pbrt_reader *reader)
+{
+    const struct pbrt_view *view = &reader->view;
+    struct scene_settings *settings = settings_of(reader);
+    struct camera *camera = &settings->camera;
+    settings->width = view->width;
+    settings->height = view->height;
+
+    crop_of(view->crop, view->width, view->height, settings->crop);
+    if (view->has_pixel_bounds)
+        for (int i = 0; i < 4; i++) {
+            int64_t most = i < 2 ? view->width : view->height, value = view->pixel_bounds[i];
+            settings->crop[i] = (uint32_t)(value < 0 ? 0 : value > most ? most : value);
+        }
+    if (settings->crop[0] >= settings->crop[1] || settings->crop[2] >= settings->crop[3])
+        return err_set(reader->err, ERR_SCENE, "the film's crop window holds no pixel");
+
+    camera->kind = view->kind;
+    camera->lens_radius = (float)view->lens_radius;
+    camera->focal_distance = (float)view->focal_distance;
+    double extent = view->kind == CAMERA_PERSPECTIVE ? elem_tan(view->fov / 2) : 1;
+    if (view->has_screen)
+        for (int i = 0; i < 4; i++)
+            camera->screen[i] = (float)(view->screen[i] * extent);
+    else
+        screen_of(view->aspect > 0 ? view->aspect : (double)view->width / view->height, extent,
+                  camera->screen);
+    reader->build->world_from_camera = view->world_from_camera;
+    return true;
+}

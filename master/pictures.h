@@ -1,0 +1,49 @@
+/*
+ * The pictures that a render leaves: the EXR, with its metadata, and the PNG, refreshed while it
+ * runs (--write-every) and written at the end.
+ *
+ * Refreshing writes a copy in libuv's thread pool, so that compressing and syncing do not hold up
+ * workers; at most one is being written, and a refresh that comes meanwhile is dropped. Used from
+ * the event loop only.
+ */
+#ifndef MASTER_PICTURES_H
+#define MASTER_PICTURES_H
+
+#include "common/job.h"
+
+#include <stdbool.h>
+#include <uv.h>
+
+struct bundle;
+struct err;
+struct film;
+struct image;
+
+/* What is written into the files' metadata, besides what the film says. */
+struct picture_facts {
+    const char *command, *build;
+    const char *profile_text;
+    const struct bundle *bundle;
+    const struct job_spec *spec;
+};
+
+struct pictures;
+
+/* Everything named must outlive it. NULL when memory runs out. pictures_free(NULL) does nothing;
+ * nothing may be being written then (pictures_busy). */
+struct pictures *pictures_new(uv_loop_t *loop, const struct film *film,
+                              const struct picture_facts *facts, const char *exr_path,
+                              const char *png_path);
+void pictures_free(struct pictures *p);
+
+/* Write both files in the thread pool, of the picture of all rounds that have ended (NULL: none,
+ * and nothing is written); `log` hears when that fails. */
+void pictures_refresh(struct pictures *p, const struct image *picture,
+                      void (*log)(void *context, const char *line), void *context);
+bool pictures_busy(const struct pictures *p);
+
+/* Write both files now. `complete`: all that was asked for. */
+bool pictures_write(struct pictures *p, const struct image *picture, bool complete,
+                    struct err *err);
+
+#endif

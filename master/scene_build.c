@@ -1,0 +1,517 @@
+#include "master/scene_build.h"
+
+#include "common/arena.h"
+#include "common/effects.h"
+#include "common/err.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define FARTHEST 1e18 /* beyond it Embree's and our squares of distances leave float32 */
+
+struct scene_build *scene_build_new(void)
+{
+    struct scene_build *build = calloc(1, sizeof(*build));
+    if (build == NULL)
+        return NULL;
+    build->scene = scene_new();
+    if (build->scene == NULL) {
+        free(build);
+        return NULL;
+    }
+    build->world_from_camera = transform_identity();
+    return build;
+}
+
+void scene_build_free(struct scene_build *build)
+{
+    if (build == NULL)
+        return;
+    struct build_mesh *meshes = build->meshes.data;
+    for (size_t i = 0; i < build->meshes.count; i++)
+        free(meshes[i].wide);
+    growing_free(&build->vertices.positions);
+    growing_free(&build->vertices.normals);
+    growing_free(&build->vertices.uvs);
+    growing_free(&build->vertices.triangles);
+    growing_free(&build->vertices.wide);
+    growing_free(&build->meshes);
+    growing_free(&build->quadrics);
+    growing_free(&build->materials);
+    growing_free(&build->coat_tables);
+    growing_free(&build->emitters);
+    growing_free(&build->lights);
+    scene_free(build->scene);
+    free(build);
+}
+
+static bool no_memory(struct err *err)
+{
+    return err_set(err, ERR_MEMORY, "no memory for the scene");
+}
+
+/* Does float32 hold the numbers of the file exactly? Then their doubles need not be kept. */
+static bool narrow_is_enough(const double *wide, const float *narrow, size_t count)
+{
+    for (size_t i = 0; i < count; i++)
+        if (wide[i] != (double)narrow[i])
+            return false;
+    return true;
+}
+
+bool scene_build_add_mesh(struct scene_build *build, const struct build_place *place,
+                          const struct ply_added *added, struct err *err)
+{
+    struct ply_target *vertices = &build->vertices;
+    struct build_mesh mesh = { .place = *place, .range = *added };
+    if (added->has_normals)
+        mesh.first_normal = vertices->normals.count - added->vertex_count;
+    if (added->has_uvs)
+        mesh.first_uv = vertices->uvs.count - added->vertex_count;
+    struct build_mesh *slot = growing_add(&build->meshes, 1, sizeof(mesh));
+    if (slot == NULL)
+        return no_memory(err);
+    *slot = mesh;
+    if (!added->has_wide)
+        return true;
+    const float *narrow = (const float *)vertices->positions.data + 3 * (size_t)added->first_vertex;
+    if (narrow_is_enough(vertices->wide.data, narrow, 3 * (size_t)added->vertex_count)) {
+        vertices->wide.count = 0;
+        return true;
+    }
+    growing_trim(&vertices->wide, 3 * sizeof(double));
+    slot->wide = vertices->wide.data;
+    vertices->wide = (struct growing){ 0 };
+    return true;
+}
+
+/* --- Bounds and centre -------------------------------------------------------------------- */
+
+struct bounds {
+    double min[3], max[3];
+};
+
+static void bounds_add(struct bounds *bounds, const double p[3])
+{
+    for (int axis = 0; axis < 3; axis++) {
+        bounds->min[axis] = fmin(bounds->min[axis], p[axis]);
+        bounds->max[axis] = fmax(bounds->max[axis], p[axis]);
+    }
+}
+
+/* The file's position of vertex i of a mesh, in the world */
+static void world_vertex(const struct scene_build *build, const struct build_mesh *mesh, uint32_t i,
+                         double world[3])
+{
+    const float *narrow = (const float *)build->vertices.positions.data +
+                          3 * ((size_t)mesh->range.first_vertex + i);
+    double p[3] = { narrow[0], narrow[1], narrow[2] };
+    if (mesh->wide != NULL)
+        memcpy(p, mesh->wide + 3 * (size_t)i, sizeof(p));
+    transform_point(&mesh->place.to_world, p, world);
+}
+
+static void quadric_center(const struct build_quadric *built, double center[3])
+{
+    const double object[3] = { 0, 0, built->height };
+    transform_point(&built->place.to_world, object, center);
+}
+
+static void quadric_bounds(const struct build_quadric *built, struct bounds *bounds)
+{
+    const struct transform *m = &built->place.to_world;
+    double center[3], low[3], high[3];
+    quadric_center(built, center);
+    for (int axis = 0; axis < 3; axis++) {
+        double x = m->m[axis][0], y = m->m[axis][1];
+        double z = built->quadric.kind == QUADRIC_SPHERE ? m->m[axis][2] : 0;
+        double reach = built->quadric.radius * sqrt(x * x + y * y + z * z);
+        low[axis] = center[axis] - reach;
+        high[axis] = center[axis] + reach;
+    }
+    bounds_add(bounds, low);
+    bounds_add(bounds, high);
+}
+
+static bool find_bounds(const struct scene_build *build, struct bounds *bounds, struct err *err)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        bounds->min[axis] = INFINITY;
+        bounds->max[axis] = -INFINITY;
+    }
+    const struct build_mesh *meshes = build->meshes.data;
+    for (size_t i = 0; i < build->meshes.count; i++)
+        for (uint32_t v = 0; v < meshes[i].range.vertex_count; v++) {
+            double world[3];
+            world_vertex(build, &meshes[i], v, world);
+            bounds_add(bounds, world);
+        }
+    const struct build_quadric *quadrics = build->quadrics.data;
+    for (size_t i = 0; i < build->quadrics.count; i++)
+        quadric_bounds(&quadrics[i], bounds);
+
+    if (!(bounds->min[0] <= bounds->max[0]))
+        *bounds = (struct bounds){ { 0 }, { 0 } };
+    for (int axis = 0; axis < 3; axis++)
+        if (!(fabs(bounds->min[axis]) < FARTHEST && fabs(bounds->max[axis]) < FARTHEST))
+            return err_set(err, ERR_SCENE, "the scene reaches from %g to %g: beyond %g",
+                           bounds->min[axis], bounds->max[axis], FARTHEST);
+    return true;
+}
+
+static void choose_center(const struct bounds *bounds, double center[3])
+{
+    double extent = 0;
+    for (int axis = 0; axis < 3; axis++)
+        extent = fmax(extent, bounds->max[axis] - bounds->min[axis]);
+    int exponent;
+    frexp(extent, &exponent);
+    double grid = extent > 1e-30 ? ldexp(1, exponent) : 0;
+    for (int axis = 0; axis < 3; axis++) {
+        double middle = bounds->min[axis] / 2 + bounds->max[axis] / 2;
+        center[axis] = grid > 0 ? floor(middle / grid + 0.5) * grid : middle;
+    }
+}
+
+/* --- Geometry ----------------------------------------------------------------------------- */
+
+static void place_vertices(struct scene_build *build, const struct build_mesh *mesh)
+{
+    const double *center = build->scene->settings.center;
+    float *out = (float *)build->vertices.positions.data + 3 * (size_t)mesh->range.first_vertex;
+    for (uint32_t v = 0; v < mesh->range.vertex_count; v++, out += 3) {
+        double world[3];
+        world_vertex(build, mesh, v, world);
+        for (int axis = 0; axis < 3; axis++)
+            out[axis] = (float)(world[axis] - center[axis]);
+    }
+}
+
+/* Unit normals in the world, on the side the file says; a zero normal stays zero for now */
+static bool place_normals(struct scene_build *build, const struct build_mesh *mesh, struct err *err)
+{
+    struct transform inverse;
+    if (!transform_invert(&mesh->place.to_world, &inverse))
+        return err_set(err, ERR_SCENE, "%s:%d:%d: the transform cannot be inverted",
+                       mesh->place.pos.path, mesh->place.pos.line, mesh->place.pos.column);
+    float *normal = (float *)build->vertices.normals.data + 3 * mesh->first_normal;
+    double side = mesh->place.reverse_orientation ? -1 : 1;
+    for (uint32_t v = 0; v < mesh->range.vertex_count; v++, normal += 3) {
+        double n[3] = { normal[0], normal[1], normal[2] };
+        transform_normal(&inverse, n, n);
+        double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+        for (int axis = 0; axis < 3; axis++)
+            normal[axis] = length > 0 && isfinite(length) ? (float)(side * n[axis] / length) : 0;
+    }
+    return true;
+}
+
+/* Twice the area times the normal, in float32 as the kernel will compute it */
+static void face_normal(const float *positions, const uint32_t corner[3], float normal[3])
+{
+    const float *a = positions + 3 * (size_t)corner[0], *b = positions + 3 * (size_t)corner[1];
+    const float *c = positions + 3 * (size_t)corner[2];
+    float u[3], v[3];
+    for (int axis = 0; axis < 3; axis++) {
+        u[axis] = b[axis] - a[axis];
+        v[axis] = c[axis] - a[axis];
+    }
+    normal[0] = u[1] * v[2] - u[2] * v[1];
+    normal[1] = u[2] * v[0] - u[0] * v[2];
+    normal[2] = u[0] * v[1] - u[1] * v[0];
+}
+
+/* Wind the triangle so that its geometric normal is on the side of its vertex normals; `side`
+ * decides where they do not. Vertices without a normal get that of a face of theirs. */
+static void follow_normals(float *normals, uint32_t shift, const float face[3], float side,
+                           uint32_t corner[3], uint64_t *rewound)
+{
+    float *n[3], agree = 0;
+    for (int i = 0; i < 3; i++) {
+        n[i] = normals + 3 * (size_t)(uint32_t)(corner[i] + shift);
+        agree += n[i][0] * face[0] + n[i][1] * face[1] + n[i][2] * face[2];
+    }
+    if (agree != 0)
+        side = agree < 0 ? -1 : 1;
+    float length = sqrtf(face[0] * face[0] + face[1] * face[1] + face[2] * face[2]);
+    for (int i = 0; i < 3; i++) {
+        bool missing = n[i][0] == 0 && n[i][1] == 0 && n[i][2] == 0;
+        for (int axis = 0; missing && axis < 3; axis++)
+            n[i][axis] = side * face[axis] / length;
+    }
+    if (side < 0) {
+        uint32_t swapped = corner[1];
+        corner[1] = corner[2];
+        corner[2] = swapped;
+        *rewound += 1;
+    }
+}
+
+/* Drop what has no area and move the rest up to `kept`; wind by normals where there are some */
+static void place_triangles(struct scene_build *build, const struct build_mesh *from,
+                            struct mesh *mesh, size_t *kept, struct build_counts *counts)
+{
+    const float *positions = build->vertices.positions.data;
+    uint32_t *triangles = build->vertices.triangles.data;
+    const uint32_t *in = triangles + 3 * (size_t)from->range.first_triangle;
+    uint32_t *out = triangles + 3 * *kept;
+    float side = mesh->flags & MESH_FLIP_NORMAL ? -1 : 1;
+    mesh->first_triangle = (uint32_t)*kept;
+    mesh->triangle_count = 0;
+    for (uint32_t t = 0; t < from->range.triangle_count; t++, in += 3) {
+        uint32_t corner[3] = { in[0], in[1], in[2] };
+        float face[3];
+        face_normal(positions, corner, face);
+        float size2 = face[0] * face[0] + face[1] * face[1] + face[2] * face[2];
+        if (!(size2 >= FLT_MIN && size2 <= FLT_MAX)) {
+            counts->degenerate_triangles++;
+            continue;
+        }
+        if (mesh->flags & MESH_NORMALS)
+            follow_normals(build->vertices.normals.data, mesh->normal_shift, face, side, corner,
+                           &counts->rewound_triangles);
+        memcpy(out, corner, sizeof(corner));
+        out += 3;
+        mesh->triangle_count++;
+    }
+    *kept += mesh->triangle_count;
+    if (mesh->flags & MESH_NORMALS)
+        mesh->flags &= ~(uint32_t)MESH_FLIP_NORMAL; /* the winding says it now */
+}
+
+/* Vertices that no triangle uses may be left without a normal */
+static void fill_normals(struct growing *array)
+{
+    float *n = array->data;
+    for (size_t i = 0; i < array->count; i++, n += 3)
+        if (n[0] == 0 && n[1] == 0 && n[2] == 0)
+            n[2] = 1;
+}
+
+static bool place_meshes(struct scene_build *build, struct build_counts *counts, struct err *err)
+{
+    struct scene *scene = build->scene;
+    struct build_mesh *from = build->meshes.data;
+    size_t kept = 0;
+    scene->meshes = arena_alloc(scene->arena, build->meshes.count, sizeof(struct mesh));
+    if (scene->meshes == NULL)
+        return no_memory(err);
+    for (size_t i = 0; i < build->meshes.count; i++) {
+        const struct ply_added *range = &from[i].range;
+        bool mirrored = transform_det3(&from[i].place.to_world) < 0;
+        struct mesh mesh = { .first_vertex = range->first_vertex,
+                             .vertex_count = range->vertex_count,
+                             .material = from[i].place.material,
+                             .first_emissive = SCENE_NONE };
+        if (mirrored != from[i].place.reverse_orientation)
+            mesh.flags |= MESH_FLIP_NORMAL;
+        place_vertices(build, &from[i]);
+        free(from[i].wide);
+        from[i].wide = NULL;
+        if (range->has_normals) {
+            mesh.flags |= MESH_NORMALS;
+            mesh.normal_shift = (uint32_t)from[i].first_normal - range->first_vertex;
+            scene->settings.has_normals = 1;
+            if (!place_normals(build, &from[i], err))
+                return false;
+        }
+        if (range->has_uvs) {
+            mesh.flags |= MESH_UVS;
+            mesh.uv_shift = (uint32_t)from[i].first_uv - range->first_vertex;
+        }
+        place_triangles(build, &from[i], &mesh, &kept, counts);
+        scene->meshes[i] = mesh;
+    }
+    scene->mesh_count = (uint32_t)build->meshes.count;
+    build->vertices.triangles.count = kept;
+    fill_normals(&build->vertices.normals);
+    return true;
+}
+
+static bool place_quadrics(struct scene_build *build, struct err *err)
+{
+    struct scene *scene = build->scene;
+    const struct build_quadric *from = build->quadrics.data;
+    scene->quadrics = arena_alloc(scene->arena, build->quadrics.count, sizeof(struct quadric));
+    if (scene->quadrics == NULL)
+        return no_memory(err);
+    for (size_t i = 0; i < build->quadrics.count; i++) {
+        const struct build_place *place = &from[i].place;
+        struct quadric *quadric = &scene->quadrics[i];
+        struct transform inverse;
+        double center[3];
+        if (!transform_invert(&place->to_world, &inverse))
+            return err_set(err, ERR_SCENE, "%s:%d:%d: the transform cannot be inverted",
+                           place->pos.path, place->pos.line, place->pos.column);
+        *quadric = from[i].quadric;
+        quadric_center(&from[i], center);
+        for (int axis = 0; axis < 3; axis++)
+            quadric->center[axis] = (float)(center[axis] - scene->settings.center[axis]);
+        for (int j = 0; j < 9; j++) {
+            quadric->to_world[j] = (float)place->to_world.m[j / 3][j % 3];
+            quadric->to_object[j] = (float)inverse.m[j / 3][j % 3];
+        }
+        double scale = transform_similarity(&place->to_world);
+        if (scale > 0) {
+            quadric->flags |= QUADRIC_SIMILARITY;
+            quadric->world_radius = (float)(scale * quadric->radius);
+        }
+        if (place->reverse_orientation)
+            quadric->flags |= QUADRIC_FLIP_NORMAL;
+        quadric->material = place->material;
+        quadric->light = SCENE_NONE;
+    }
+    scene->quadric_count = (uint32_t)build->quadrics.count;
+    return true;
+}
+
+static void place_camera(struct scene_build *build)
+{
+    struct scene_settings *settings = &build->scene->settings;
+    const struct transform *m = &build->world_from_camera;
+    for (int axis = 0; axis < 3; axis++) {
+        settings->camera.right[axis] = (float)m->m[axis][0];
+        settings->camera.up[axis] = (float)m->m[axis][1];
+        settings->camera.forward[axis] = (float)m->m[axis][2];
+        settings->camera.position[axis] = (float)(m->m[axis][3] - settings->center[axis]);
+    }
+}
+
+/* Rounded like everything else, so that no vertex lies outside */
+static void store_bounds(struct scene *scene, const struct bounds *bounds)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        double center = scene->settings.center[axis];
+        scene->settings.bounds_min[axis] = (float)(bounds->min[axis] - center);
+        scene->settings.bounds_max[axis] = (float)(bounds->max[axis] - center);
+    }
+}
+
+/* --- Lights and arrays -------------------------------------------------------------------- */
+
+/* The emitter of a place, unless it sends nothing */
+static const struct emitter *emitter_of(const struct scene_build *build,
+                                        const struct build_place *place)
+{
+    if (place->emitter == SCENE_NONE)
+        return NULL;
+    const struct emitter *emitter = (const struct emitter *)build->emitters.data + place->emitter;
+    bool dark = emitter->radiance[0] == 0 && emitter->radiance[1] == 0 && emitter->radiance[2] == 0;
+    return dark ? NULL : emitter;
+}
+
+static bool add_other_lights(struct scene_build *build, struct light_arrays *arrays,
+                             struct err *err)
+{
+    struct scene_settings *settings = &build->scene->settings;
+    const struct build_light *from = build->lights.data;
+    for (size_t i = 0; i < build->lights.count; i++) {
+        struct light *light = growing_add(&arrays->lights, 1, sizeof(*light));
+        if (light == NULL)
+            return no_memory(err);
+        *light = from[i].light;
+        for (int axis = 0; axis < 3; axis++)
+            light->position[axis] = (float)(from[i].position[axis] - settings->center[axis]);
+    }
+    if (settings->sky[0] == 0 && settings->sky[1] == 0 && settings->sky[2] == 0)
+        return true;
+    settings->sky_light = (uint32_t)arrays->lights.count;
+    struct light *sky = growing_add(&arrays->lights, 1, sizeof(*sky));
+    if (sky == NULL)
+        return no_memory(err);
+    *sky = (struct light){ .kind = LIGHT_SKY, .quadric = SCENE_NONE };
+    memcpy(sky->radiance, settings->sky, sizeof(sky->radiance));
+    return true;
+}
+
+static bool make_lights(struct scene_build *build, struct light_arrays *arrays, struct err *err)
+{
+    const struct build_mesh *meshes = build->meshes.data;
+    for (uint32_t i = 0; i < build->meshes.count; i++) {
+        const struct emitter *emitter = emitter_of(build, &meshes[i].place);
+        if (emitter != NULL && !scene_lights_add_mesh(build->scene, i, emitter, arrays, err))
+            return false;
+    }
+    const struct build_quadric *quadrics = build->quadrics.data;
+    for (uint32_t i = 0; i < build->quadrics.count; i++) {
+        const struct emitter *emitter = emitter_of(build, &quadrics[i].place);
+        if (emitter != NULL && !scene_lights_add_quadric(build->scene, i, emitter, arrays, err))
+            return false;
+    }
+    return add_other_lights(build, arrays, err);
+}
+
+/* Hand a grown array to the scene's arena: *member and *count are the scene's */
+static bool give(struct scene *scene, struct growing *array, size_t size, void **member,
+                 uint32_t *count, struct err *err)
+{
+    if (array->count > UINT32_MAX - 1)
+        return err_set(err, ERR_SCENE, "the scene has more than 2^32 of something");
+    if (array->count == 0)
+        return true;
+    growing_trim(array, size);
+    if (!arena_adopt(scene->arena, array->data, free))
+        return no_memory(err);
+    *member = array->data;
+    *count = (uint32_t)array->count;
+    *array = (struct growing){ 0 };
+    return true;
+}
+
+#define GIVE(array, per, member, count)                                                          \
+    give(scene, (array), (per) * sizeof(*scene->member), (void **)&scene->member, &scene->count, \
+         err)
+
+static bool place_all(struct scene_build *build, struct build_counts *counts, struct err *err)
+{
+    struct scene *scene = build->scene;
+    struct bounds bounds;
+    if (!find_bounds(build, &bounds, err))
+        return false;
+    choose_center(&bounds, scene->settings.center);
+    store_bounds(scene, &bounds);
+    place_camera(build);
+    return place_meshes(build, counts, err) && place_quadrics(build, err) &&
+           GIVE(&build->vertices.positions, 3, positions, vertex_count) &&
+           GIVE(&build->vertices.normals, 3, normals, normal_count) &&
+           GIVE(&build->vertices.uvs, 2, uvs, uv_count) &&
+           GIVE(&build->vertices.triangles, 3, triangles, triangle_count) &&
+           GIVE(&build->materials, 1, materials, material_count) &&
+           GIVE(&build->coat_tables, COAT_TABLE_LEN, coat_tables, coat_table_count);
+}
+
+/* Meshes that lost all their triangles have nothing left to say */
+static void drop_empty_meshes(struct scene *scene)
+{
+    uint32_t kept = 0;
+    for (uint32_t i = 0; i < scene->mesh_count; i++)
+        if (scene->meshes[i].triangle_count > 0)
+            scene->meshes[kept++] = scene->meshes[i];
+    scene->mesh_count = kept;
+}
+
+struct scene *scene_build_finish(struct scene_build *build, struct build_counts *counts,
+                                 struct err *err)
+{
+    struct scene *scene = build->scene;
+    struct light_arrays arrays = { 0 };
+    *counts = (struct build_counts){ 0 };
+    bool good = place_all(build, counts, err) && make_lights(build, &arrays, err) &&
+                GIVE(&arrays.lights, 1, lights, light_count) &&
+                GIVE(&arrays.corners, 3, light_corners, light_corner_count) &&
+                GIVE(&arrays.triangle_light, 1, triangle_light, triangle_light_count) &&
+                scene_lights_pick(scene, err);
+    growing_free(&arrays.lights);
+    growing_free(&arrays.corners);
+    growing_free(&arrays.triangle_light);
+    if (!good)
+        return NULL;
+    drop_empty_meshes(scene);
+    scene->settings.effects = scene_effects(scene);
+    if (!scene_check(scene, err))
+        return NULL;
+    build->scene = NULL;
+    return scene;
+}

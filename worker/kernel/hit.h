@@ -1,0 +1,152 @@
+/*
+ * From what Embree reports to a surface point: everything is recomputed in our own arithmetic from
+ * the primitive found, so that the bits do not depend on Embree's t, u and v, and the point lies on
+ * its surface to a few roundings.
+ */
+#ifndef WORKER_KERNEL_HIT_H
+#define WORKER_KERNEL_HIT_H
+
+#include "worker/kernel/bsdf.h"
+#include "worker/kernel/kernel_scene.h"
+#include "worker/kernel/quadric.h"
+
+struct surface8 {
+    struct vec3x8 p;
+    struct vec3x8 ng; /* geometric normal, unit, on the side the file gives */
+    struct vec3x8 ns; /* shading normal, unit; ng where there is no other */
+    f8 spawn;         /* how far rays start from p along the normal */
+    i8 material;      /* valid for every lane */
+    i8 light;         /* light it emits as, or -1 */
+};
+
+LANE_FN f8 vec3x8_max_abs(struct vec3x8 a)
+{
+    return f8_max(f8_abs(a.x), f8_max(f8_abs(a.y), f8_abs(a.z)));
+}
+
+LANE_FN struct vec3x8 hit_vertex(const float *base, i8 vertex)
+{
+    i8 i = vertex * 3;
+    return (struct vec3x8){ f8_gather(base, i), f8_gather(base + 1, i), f8_gather(base + 2, i) };
+}
+
+/* Triangle `prim` of mesh `mesh`; both must be valid in every lane */
+LANE_FN void hit_triangle(const struct scene *scene, unsigned fx, i8 mesh, i8 prim,
+                          struct vec3x8 o, struct vec3x8 d, struct surface8 *s)
+{
+    i8 triangle = prim + GATHER_I(scene->meshes, struct mesh, first_triangle, mesh);
+    i8 flags = GATHER_I(scene->meshes, struct mesh, flags, mesh);
+    i8 corner = triangle * 3;
+    i8 ia = i8_gather(scene->triangles, corner), ib = i8_gather(scene->triangles + 1, corner),
+       ic = i8_gather(scene->triangles + 2, corner);
+    struct vec3x8 A = hit_vertex(scene->positions, ia), B = hit_vertex(scene->positions, ib),
+                  C = hit_vertex(scene->positions, ic);
+    struct vec3x8 e1 = vec3x8_sub(B, A), e2 = vec3x8_sub(C, A);
+
+    /* Barycentric coordinates (Moeller and Trumbore 1997), kept inside the triangle */
+    struct vec3x8 h = vec3x8_cross(d, e2);
+    f8 inv = 1 / vec3x8_dot(e1, h);
+    struct vec3x8 from = vec3x8_sub(o, A);
+    f8 u = f8_clamp(inv * vec3x8_dot(from, h), 0, 1);
+    struct vec3x8 q = vec3x8_cross(from, e1);
+    f8 v = f8_min(f8_max(inv * vec3x8_dot(d, q), F8(0)), 1 - u);
+    s->p = vec3x8_along(vec3x8_along(A, e1, u), e2, v);
+
+    struct vec3x8 n = vec3x8_unit(vec3x8_cross(e1, e2));
+    n = vec3x8_select((flags & MESH_FLIP_NORMAL) != 0, vec3x8_neg(n), n);
+    s->ng = n;
+    s->ns = n;
+    f8 extent = f8_max(vec3x8_max_abs(A), f8_max(vec3x8_max_abs(B), vec3x8_max_abs(C)));
+    s->spawn = extent * SPAWN_ULPS;
+
+    if (fx & FX_SMOOTH_NORMALS) {
+        i8 smooth = (flags & MESH_NORMALS) != 0;
+        if (i8_any(smooth)) {
+            i8 shift = i8_select(smooth, GATHER_I(scene->meshes, struct mesh, normal_shift, mesh),
+                                 I8(0));
+            i8 zero = I8(0);
+            struct vec3x8 na = hit_vertex(scene->normals, i8_select(smooth, ia + shift, zero));
+            struct vec3x8 nb = hit_vertex(scene->normals, i8_select(smooth, ib + shift, zero));
+            struct vec3x8 nc = hit_vertex(scene->normals, i8_select(smooth, ic + shift, zero));
+            struct vec3x8 ns = vec3x8_scale(na, 1 - u - v);
+            ns = vec3x8_along(vec3x8_along(ns, nb, u), nc, v);
+            i8 usable = smooth & (vec3x8_length2(ns) > 0);
+            s->ns = vec3x8_select(usable, vec3x8_unit(ns), n);
+            /* The vertex normals say which side is outside */
+            i8 against = usable & (vec3x8_dot(s->ns, n) < 0);
+            s->ng = vec3x8_select(against, vec3x8_neg(n), n);
+        }
+    }
+
+    s->material = GATHER_I(scene->meshes, struct mesh, material, mesh);
+    i8 emissive = GATHER_I(scene->meshes, struct mesh, first_emissive, mesh);
+    s->light = I8(-1);
+    i8 emits = emissive != -1;
+    if (i8_any(emits))
+        s->light = i8_select(
+            emits, i8_gather(scene->triangle_light, i8_select(emits, emissive + prim, I8(0))), s->light);
+}
+
+/* Quadric `prim` of the lanes in `lanes`, hit at o + t d; one at a time, as matrices differ */
+LANE_FN void hit_quadric(const struct scene *scene, i8 lanes, i8 prim, struct vec3x8 o,
+                         struct vec3x8 d, f8 t, struct surface8 *s)
+{
+    for (unsigned todo = i8_bits(lanes); todo != 0;) {
+        int32_t first = prim[__builtin_ctz(todo)];
+        i8 same = lanes & (prim == first);
+        todo &= ~i8_bits(same);
+        const struct quadric *q = &scene->quadrics[first];
+        struct vec3x8 center = vec3x8_all(q->center[0], q->center[1], q->center[2]);
+
+        /* In object space, put the point back onto the surface */
+        struct vec3x8 local = quadric_linear(
+            q->to_object, vec3x8_add(vec3x8_sub(o, center), vec3x8_scale(d, t)));
+        struct vec3x8 normal;
+        if (q->kind == QUADRIC_SPHERE) {
+            normal = vec3x8_unit(local);
+            local = vec3x8_scale(normal, F8(q->radius));
+        } else {
+            local.z = F8(0);
+            normal = vec3x8_all(0, 0, 1);
+        }
+        struct vec3x8 p = vec3x8_add(quadric_linear(q->to_world, local), center);
+
+        /* Normals go by the inverse transpose */
+        const float *m = q->to_object;
+        const float transposed[9] = { m[0], m[3], m[6], m[1], m[4], m[7], m[2], m[5], m[8] };
+        struct vec3x8 n = vec3x8_unit(quadric_linear(transposed, normal));
+        if (q->flags & QUADRIC_FLIP_NORMAL)
+            n = vec3x8_neg(n);
+        f8 extent = vec3x8_max_abs(p);
+        extent = f8_max(extent, vec3x8_max_abs(vec3x8_sub(p, center)));
+
+        s->p = vec3x8_select(same, p, s->p);
+        s->ng = vec3x8_select(same, n, s->ng);
+        s->ns = vec3x8_select(same, n, s->ns);
+        s->spawn = f8_select(same, extent * SPAWN_ULPS, s->spawn);
+        s->material = i8_select(same, I8((int32_t)q->material), s->material);
+        s->light = i8_select(same, I8((int32_t)q->light), s->light);
+    }
+}
+
+/* The surface at the hits of the lanes in `hit`; other lanes hold something harmless */
+LANE_FN struct surface8 hit_surface(const struct kernel_scene *ks, unsigned fx, i8 hit, i8 geometry,
+                                    i8 prim, struct vec3x8 o, struct vec3x8 d, f8 t)
+{
+    struct surface8 s = { vec3x8_all(0, 0, 0), vec3x8_all(0, 0, 1), vec3x8_all(0, 0, 1),
+                          F8(0),               I8(0),               I8(-1) };
+    i8 quadric = I8(0);
+    if (fx & FX_QUADRIC)
+        quadric = hit & (geometry == ks->quadric_geometry);
+    if (fx & FX_MESH) {
+        i8 mesh = hit & ~quadric;
+        if (i8_any(mesh))
+            hit_triangle(ks->scene, fx, i8_select(mesh, geometry, I8(0)),
+                         i8_select(mesh, prim, I8(0)), o, d, &s);
+    }
+    if ((fx & FX_QUADRIC) && i8_any(quadric))
+        hit_quadric(ks->scene, quadric, prim, o, d, t, &s);
+    return s;
+}
+
+#endif

@@ -1,0 +1,67 @@
+/*
+ * A scene made ready for the kernels: the Embree scene over the model's own arrays, light choice
+ * tables, filter tables and the sampler. Read-only once opened, shared by all render threads.
+ */
+#ifndef WORKER_KERNEL_KERNEL_SCENE_H
+#define WORKER_KERNEL_KERNEL_SCENE_H
+
+#include "common/job.h"
+#include "common/path_dfa.h"
+#include "common/sampler.h"
+#include "common/scene.h"
+#include "worker/kernel/embree.h"
+#include "worker/kernel/filter.h"
+
+#include <stdint.h>
+
+/*
+ * How far a spawned ray starts from its surface, in units of the largest coordinate involved: 16
+ * roundings. Hit points are computed barycentrically, so they are within a few roundings of their
+ * plane; the test of NUMERICS H1 finds no self-hit in 1e6 rays at any distance from the origin.
+ */
+#define SPAWN_ULPS 0x1p-20f
+
+struct kernel_thread;
+struct path_stats;
+struct ray_log;
+
+struct kernel_scene {
+    const struct scene *scene;
+    struct job_spec spec;
+    unsigned fx;     /* what the chosen variant may use; a superset of the scene's effects */
+    uint32_t max_depth;
+    RTCDevice device;
+    RTCScene rtc;
+    int32_t quadric_geometry; /* geomID of all quadrics; meshes have their index */
+    struct sampler sampler;
+    struct filter_table filter;
+    struct path_dfa dfa;
+
+    /* Lights that are sampled: all but the sky, which scattering finds by itself */
+    uint32_t light_count;
+    int32_t light_steps; /* largest power of two below light_count */
+    float *light_cdf;    /* light_count + 1 entries, from 0 to 1 */
+    float *light_pmf;    /* differences of light_cdf */
+    int32_t polygon_corners_max;
+    int lights_sampled; /* any light with pmf > 0 */
+    float far_distance; /* beyond everything in the scene */
+
+    void (*leaf)(const struct kernel_scene *ks, struct kernel_thread *thread, uint32_t tile,
+                 uint32_t replicate, uint64_t leaf, struct path_stats *stats);
+    const char *variant; /* name of the kernel variant, as printed */
+};
+
+/* Scratch of one render thread: the radiance of every sample of a leaf, planar r, g, b */
+struct kernel_thread {
+    float *radiance;
+    uint32_t slot_count; /* capacity in samples, a multiple of 8 */
+    struct ray_log *log; /* NULL, or where the rays are recorded */
+};
+
+/* What a leaf counts while it runs */
+struct path_stats {
+    uint64_t rays_closest, rays_shadow, events, truncated_paths;
+    double truncated_energy;
+};
+
+#endif

@@ -1,0 +1,519 @@
+/*
+ * The path tracer: one always-inline body, instantiated once per kernel variant. This file is
+ * compiled twice (with AVX2 and without) under the names path_leaf_VARIANT_ISA; see kernel.c.
+ * Symbols are those of NOTATION.md.
+ */
+#include "worker/kernel/path.h"
+
+#include "common/sampler.h"
+#include "worker/kernel/camera.h"
+#include "worker/kernel/frame.h"
+#include "worker/kernel/hit.h"
+#include "worker/kernel/light.h"
+#include "worker/kernel/path_variants.def"
+#include "worker/kernel/ray_log.h"
+
+#include <assert.h>
+
+/* Without AVX2 there is the last variant only: the fallback need not be fast, but takes long to compile */
+#if defined(KERNEL_EVERYTHING_ONLY)
+#define KERNEL_VARIANTS(X) X(everything, FX_ALL)
+#else
+#define KERNEL_VARIANTS(X) PATH_VARIANTS(X)
+#endif
+
+#define JOIN_(a, b, c) a##b##_##c
+#define JOIN(a, b, c)  JOIN_(a, b, c)
+
+/*
+ * Throughput at which roulette begins. Measured at equal time on the three comparison scenes: 1 ends
+ * paths so early that relMSE doubles, below 1/4 the longer paths cost more than they bring.
+ */
+#define ROULETTE_REFERENCE 0.25f
+
+/* Everything a path carries from one vertex to the next, a path per lane */
+struct path8 {
+    struct vec3x8 o, d;     /* the next ray */
+    struct vec3x8 beta, L;  /* throughput so far, radiance gathered so far */
+    struct vec3x8 from;     /* the vertex the ray left, for the light's density */
+    f8 pdf;                 /* density of d at that vertex; 0 after a delta event and at the camera */
+    f8 eta_scale;           /* product of eta^2 so far: beta * eta_scale is what reaches the eye */
+    struct sample_key8 key;
+    i8 events;              /* scattering events so far */
+    i8 state;               /* of the path automaton */
+    i8 slot;                /* sample of the leaf */
+};
+
+/* Camera rays made eight at a time and handed to lanes as they fall free */
+struct camera_batch {
+    struct vec3x8 o, d;
+    struct sample_key8 key;
+    int used, count;
+    int32_t first_slot;
+};
+
+LANE_FN i8 lane_numbers(void)
+{
+    return (i8){ 0, 1, 2, 3, 4, 5, 6, 7 };
+}
+
+LANE_FN void camera_batch_fill(struct camera_batch *batch, const struct kernel_scene *ks,
+                               unsigned fx, const struct tile_rect *tile, uint32_t replicate,
+                               uint64_t first_sample, int32_t first_slot, int32_t slot_end)
+{
+    const struct scene_settings *settings = &ks->scene->settings;
+    uint32_t B = ks->spec.leaf_samples;
+    unsigned shift = (unsigned)__builtin_ctz(B);
+    f8 px, py;
+    for (int lane = 0; lane < LANES; lane++) {
+        uint32_t slot = (uint32_t)(first_slot + lane), pixel = slot >> shift;
+        uint32_t x = tile->x + pixel % tile->width, y = tile->y + pixel / tile->width;
+        px[lane] = (float)x;
+        py[lane] = (float)y;
+        sampler_key_lane(&batch->key, lane, ks->spec.seed, replicate,
+                         (uint64_t)y * settings->width + x, first_sample + (slot & (B - 1)));
+    }
+
+    f8 u, v, lobe = F8(0), lu = F8(0), lv = F8(0);
+    int any = (fx & FX_SAMPLER_ANY) != 0;
+    i8 negative = I8(0);
+    sampler_2d(&ks->sampler, any, &batch->key,
+               sample_dimension(SAMPLE_FROM_CAMERA, U8(0), SAMPLE_PIXEL), &u, &v);
+    if ((fx & FX_FILTER_ANY) && ks->filter.has_negative) {
+        lobe = sampler_1d(&ks->sampler, any, &batch->key,
+                          sample_dimension(SAMPLE_FROM_CAMERA, U8(0), SAMPLE_FILTER));
+        i8 index = (first_slot + lane_numbers()) & (int32_t)(B - 1);
+        negative = ((index + (int32_t)(first_sample & 3)) & 3) == 3;
+    }
+    if ((fx & FX_LENS) && settings->camera.lens_radius > 0)
+        sampler_2d(&ks->sampler, any, &batch->key,
+                   sample_dimension(SAMPLE_FROM_CAMERA, U8(0), SAMPLE_LENS), &lu, &lv);
+    struct vec2x8 offset = filter_offset(&ks->filter, fx, negative, lobe, u, v);
+    struct ray8 ray =
+        camera_ray(ks->scene, fx, px + 0.5f + offset.x, py + 0.5f + offset.y, lu, lv);
+    batch->o = ray.o;
+    batch->d = ray.d;
+    batch->used = 0;
+    batch->first_slot = first_slot;
+    int32_t left = slot_end - first_slot;
+    batch->count = left < LANES ? left : LANES;
+}
+
+/* Start waiting camera rays in the lanes of `idle`; returns the lanes that got one */
+LANE_FN unsigned camera_batch_take(struct camera_batch *batch, const struct kernel_scene *ks,
+                                   unsigned fx, unsigned idle, struct path8 *path)
+{
+    int32_t source[LANES] = { 0 };
+    unsigned taken = 0;
+    for (unsigned todo = idle; todo != 0 && batch->used < batch->count; todo &= todo - 1) {
+        unsigned lane = (unsigned)__builtin_ctz(todo);
+        source[lane] = batch->used++;
+        taken |= 1u << lane;
+    }
+    i8 from = i8_load(source), fresh = i8_from_bits(taken);
+    struct sample_key8 key = { u8_permute(batch->key.lo, from), u8_permute(batch->key.hi, from),
+                               u8_permute(batch->key.reversed, from) };
+    path->key = sampler_key_select(fresh, key, path->key);
+    path->o = vec3x8_select(fresh, vec3x8_permute(batch->o, from), path->o);
+    path->d = vec3x8_select(fresh, vec3x8_permute(batch->d, from), path->d);
+    path->beta = vec3x8_select(fresh, vec3x8_all(1, 1, 1), path->beta);
+    path->L = vec3x8_select(fresh, vec3x8_all(0, 0, 0), path->L);
+    path->pdf = f8_select(fresh, F8(0), path->pdf);
+    path->eta_scale = f8_select(fresh, F8(1), path->eta_scale);
+    path->events = path->events & ~fresh;
+    path->slot = i8_select(fresh, batch->first_slot + from, path->slot);
+    if (fx & FX_PATHS)
+        path->state = i8_select(fresh, I8((int32_t)ks->dfa.start), path->state);
+    return taken;
+}
+
+LANE_FN struct vec3x8 vec3x8_add_where(i8 mask, struct vec3x8 a, struct vec3x8 b)
+{
+    return vec3x8_select(mask, vec3x8_add(a, b), a);
+}
+
+LANE_FN void store_finished(const struct path8 *path, unsigned finished,
+                            struct kernel_thread *thread)
+{
+    float r[LANES], g[LANES], b[LANES];
+    int32_t slot[LANES];
+    f8_store(r, path->L.x);
+    f8_store(g, path->L.y);
+    f8_store(b, path->L.z);
+    i8_store(slot, path->slot);
+    for (unsigned todo = finished; todo != 0; todo &= todo - 1) {
+        unsigned lane = (unsigned)__builtin_ctz(todo);
+        thread->radiance[slot[lane]] = r[lane];
+        thread->radiance[thread->slot_count + (uint32_t)slot[lane]] = g[lane];
+        thread->radiance[2 * thread->slot_count + (uint32_t)slot[lane]] = b[lane];
+    }
+}
+
+/* Which vertices see the light at the end of the segment from o along `to`, up to `to` itself */
+LANE_FN i8 unoccluded(const struct kernel_scene *ks, struct kernel_thread *thread, i8 valid,
+                      struct vec3x8 o, struct vec3x8 to)
+{
+    _Alignas(32) int32_t lanes[LANES];
+    struct RTCRay8 ray;
+    i8_store(lanes, valid);
+    f8_store(ray.org_x, o.x);
+    f8_store(ray.org_y, o.y);
+    f8_store(ray.org_z, o.z);
+    f8_store(ray.dir_x, to.x);
+    f8_store(ray.dir_y, to.y);
+    f8_store(ray.dir_z, to.z);
+    f8_store(ray.tnear, F8(0));
+    f8_store(ray.tfar, F8(1 - SPAWN_ULPS));
+    f8_store(ray.time, F8(0));
+    i8_store(ray.mask, I8(-1));
+    i8_store(ray.flags, I8(0));
+    if (thread->log != NULL)
+        ray_log_add(thread->log, &ray, i8_bits(valid), true);
+    rtc_occluded8(lanes, ks->rtc, &ray);
+    return valid & (f8_load(ray.tfar) >= 0);
+}
+
+/* The next dimension of the vertex that a path is at: event 0 is the camera */
+LANE_FN u8 vertex_dimension(const struct path8 *path, unsigned purpose)
+{
+    return sample_dimension(SAMPLE_FROM_CAMERA, (u8)path->events + 1, purpose);
+}
+
+/*
+ * Trace every sample of a leaf: B samples of each pixel of the tile, in lanes that start empty and
+ * take the next sample as soon as their path ends. What is left in thread->radiance does not depend
+ * on which lane traced what.
+ */
+static inline __attribute__((always_inline)) void
+path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint32_t tile_index,
+              uint32_t replicate, uint64_t leaf, struct path_stats *stats, const unsigned fx)
+{
+    const struct scene *scene = ks->scene;
+    const int any = (fx & FX_SAMPLER_ANY) != 0;
+    const struct tile_rect tile = tile_rect(scene, tile_index);
+    const uint64_t first_sample = leaf * ks->spec.leaf_samples;
+    const int32_t slot_end = (int32_t)(tile.width * tile.height * ks->spec.leaf_samples);
+    const unsigned usable = (1u << ks->spec.max_lanes) - 1;
+    const i8 depth_limit = I8((int32_t)ks->max_depth);
+
+    struct camera_batch batch = { .count = 0 };
+    struct path8 path = { .slot = I8(0) };
+    int32_t next_slot = 0;
+    unsigned alive = 0;
+
+    for (;;) {
+        /* Give idle lanes the next samples of the leaf */
+        while ((alive ^ usable) != 0) {
+            if (batch.used == batch.count) {
+                if (next_slot >= slot_end)
+                    break;
+                camera_batch_fill(&batch, ks, fx, &tile, replicate, first_sample, next_slot, slot_end);
+                next_slot += batch.count;
+            }
+            alive |= camera_batch_take(&batch, ks, fx, usable & ~alive, &path);
+        }
+        if (alive == 0)
+            break;
+
+        /* Rays that are not rays never reach Embree; their samples count as not a number */
+        i8 active = i8_from_bits(alive);
+        f8 d2 = vec3x8_length2(path.d);
+        i8 sound = (d2 > 0.5f) & (d2 < 2) & (vec3x8_max_abs(path.o) < 1e30f);
+        i8 broken = active & ~sound;
+        if (i8_any(broken)) {
+            path.L = vec3x8_select(broken, vec3x8_all(__builtin_nanf(""), 0, 0), path.L);
+            active &= sound;
+        }
+
+        /* The nearest surface along each ray */
+        _Alignas(32) int32_t lanes[LANES];
+        struct RTCRayHit8 ray;
+        i8_store(lanes, active);
+        f8_store(ray.ray.org_x, path.o.x);
+        f8_store(ray.ray.org_y, path.o.y);
+        f8_store(ray.ray.org_z, path.o.z);
+        f8_store(ray.ray.dir_x, path.d.x);
+        f8_store(ray.ray.dir_y, path.d.y);
+        f8_store(ray.ray.dir_z, path.d.z);
+        f8_store(ray.ray.tnear, F8(0));
+        f8_store(ray.ray.tfar, F8(__builtin_inff()));
+        f8_store(ray.ray.time, F8(0));
+        i8_store(ray.ray.mask, I8(-1));
+        i8_store(ray.ray.flags, I8(0));
+        i8_store(ray.hit.geomID, I8(-1));
+        i8_store(ray.hit.primID, I8(-1));
+        i8_store(ray.hit.instID[0], I8(-1));
+        if (thread->log != NULL)
+            ray_log_add(thread->log, &ray.ray, i8_bits(active), false);
+        rtc_intersect8(lanes, ks->rtc, &ray);
+        stats->rays_closest += (unsigned)__builtin_popcount(i8_bits(active));
+        i8 geometry = i8_load(ray.hit.geomID), prim = i8_load(ray.hit.primID);
+        i8 hit = active & (geometry != -1);
+
+        /* Paths that leave the scene find the sky, which no light sampling competes for */
+        if (fx & FX_SKY) {
+            i8 sky = active & ~hit;
+            if (fx & FX_PATHS)
+                sky &= i8_gather(ks->dfa.accepts, path.state);
+            const float *c = scene->settings.sky;
+            struct vec3x8 seen = vec3x8_mul(path.beta, vec3x8_all(c[0], c[1], c[2]));
+            path.L = vec3x8_add_where(sky, path.L, seen);
+        }
+
+        struct surface8 s = hit_surface(ks, fx, hit, geometry, prim, path.o, path.d,
+                                        f8_load(ray.ray.tfar));
+        struct vec3x8 wo_world = vec3x8_neg(path.d);
+
+        /* Emission, weighted against light sampling from the vertex before (power heuristic) */
+        i8 emits = hit & (s.light != -1);
+        if (fx & FX_PATHS)
+            emits &= i8_gather(ks->dfa.accepts, path.state);
+        if (i8_any(emits)) {
+            i8 light = i8_select(emits, s.light, I8(0));
+            struct vec3x8 n = s.ng;
+            if (fx & FX_POLYGON_LIGHT) {
+                i8 polygon = LIGHT_I(kind) == LIGHT_POLYGON;
+                n = vec3x8_select(polygon, LIGHT3(normal), n);
+            }
+            emits &= light_faces(ks, fx, light, vec3x8_dot(n, wo_world));
+            i8 rival = emits & (path.pdf > 0);
+            f8 w = F8(1);
+            if (i8_any(rival)) {
+                f8 pdf_light = light_pdf(ks, fx, rival, light, path.from, s.p, n);
+                f8 ratio = pdf_light / path.pdf;
+                w = f8_select(rival, 1 / (1 + ratio * ratio), w);
+            }
+            struct vec3x8 Le = LIGHT3(radiance);
+            struct vec3x8 seen = vec3x8_mul(vec3x8_scale(path.beta, w), Le);
+            path.L = vec3x8_add_where(emits, path.L, seen);
+        }
+
+        /* Which material; a mix decides here, once per level of nesting */
+        i8 id = s.material;
+        if (fx & FX_MIX) {
+            i8 mixed = hit & (GATHER_I(scene->materials, struct material, kind, id) == MATERIAL_MIX);
+            if (i8_any(mixed)) {
+                f8 u = sampler_1d(&ks->sampler, any, &path.key, vertex_dimension(&path, SAMPLE_MIX));
+                while (i8_any(mixed)) {
+                    f8 amount = GATHER(scene->materials, struct material, mix_amount, id);
+                    i8 second = u < amount;
+                    i8 a = GATHER_I(scene->materials, struct material, mix[0], id);
+                    i8 b = GATHER_I(scene->materials, struct material, mix[1], id);
+                    /* What is left of u decides the next level */
+                    f8 rest = f8_select(second, u / amount, (u - amount) / (1 - amount));
+                    u = f8_select(mixed, f8_min(rest, F8(0x1.fffffep-1f)), u);
+                    id = i8_select(mixed, i8_select(second, b, a), id);
+                    mixed &= GATHER_I(scene->materials, struct material, kind, id) == MATERIAL_MIX;
+                }
+            }
+        }
+        struct bsdf8 bsdf = bsdf_of(scene, fx, id);
+        i8 go = hit;
+        i8 black = (bsdf.kind == MATERIAL_DIFFUSE) & (vec3x8_max(bsdf.reflectance) <= 0);
+        go &= ~black;
+
+        /* A path cut by the depth limit is counted, with the energy it still carried */
+        i8 cut = go & (path.events >= depth_limit);
+        if (i8_any(cut)) {
+            f8 energy = vec3x8_luminance(path.beta);
+            for (unsigned todo = i8_bits(cut); todo != 0; todo &= todo - 1)
+                stats->truncated_energy += (double)energy[__builtin_ctz(todo)];
+            stats->truncated_paths += (unsigned)__builtin_popcount(i8_bits(cut));
+            go &= ~cut;
+        }
+
+        struct frame8 frame = frame_around(s.ns);
+        struct vec3x8 wo = frame_to_local(&frame, wo_world);
+        f8 wo_side = vec3x8_dot(s.ng, wo_world);
+        go &= wo.z != 0;
+
+        /* Light sampling */
+        i8 lit = go;
+        if (fx & (FX_CONDUCTOR | FX_DIELECTRIC))
+            lit &= ~bsdf_all_delta(&bsdf, fx);
+        i8 state_d = I8(0);
+        if (fx & FX_PATHS) {
+            state_d = i8_gather(ks->dfa.next, path.state * PATH_SYMBOLS + PATH_D);
+            lit &= i8_gather(ks->dfa.accepts, state_d);
+        }
+        if (ks->lights_sampled && i8_any(lit)) {
+            f8 pick = F8(0), u, v;
+            if (fx & FX_MANY_LIGHTS)
+                pick = sampler_1d(&ks->sampler, any, &path.key,
+                                  vertex_dimension(&path, SAMPLE_LIGHT_PICK));
+            sampler_2d(&ks->sampler, any, &path.key, vertex_dimension(&path, SAMPLE_LIGHT_POINT),
+                       &u, &v);
+            struct light_sample8 ls = light_sample(ks, fx, lit, s.p, pick, u, v);
+            struct vec3x8 wi = frame_to_local(&frame, ls.wi);
+            struct bsdf_eval8 f = bsdf_eval(&bsdf, fx, TRANSPORT_RADIANCE, ls.valid, wo, wi);
+            i8 worth = ls.valid & (vec3x8_max(f.f_cos) > 0);
+            f8 wi_side = vec3x8_dot(s.ng, ls.wi);
+            if (fx & FX_SMOOTH_NORMALS) /* no light through the surface (NUMERICS H15) */
+                worth &= ((wo.z * wi.z > 0) == (wo_side * wi_side > 0));
+            if (i8_any(worth)) {
+                struct vec3x8 o = vec3x8_along(s.p, s.ng, f8_mulsign(s.spawn, wi_side));
+                struct vec3x8 to = vec3x8_sub(ls.point, o);
+                stats->rays_shadow += (unsigned)__builtin_popcount(i8_bits(worth));
+                i8 visible = unoccluded(ks, thread, worth, o, to);
+                f8 ratio = f.pdf / ls.pdf;
+                f8 w = 1 / ((1 + ratio * ratio) * ls.pdf);
+                if (fx & FX_DELTA_LIGHT)
+                    w = f8_select(ls.delta, 1 / ls.pdf, w);
+                struct vec3x8 seen = vec3x8_mul(vec3x8_mul(path.beta, f.f_cos), ls.radiance);
+                path.L = vec3x8_add_where(visible, path.L, vec3x8_scale(seen, w));
+            }
+        }
+
+        /* Scatter */
+        f8 lobe = F8(0), u, v;
+        if (fx & (FX_MIXTURE | FX_DIELECTRIC | FX_COAT))
+            lobe = sampler_1d(&ks->sampler, any, &path.key,
+                              vertex_dimension(&path, SAMPLE_BSDF_LOBE));
+        sampler_2d(&ks->sampler, any, &path.key, vertex_dimension(&path, SAMPLE_BSDF_DIRECTION),
+                   &u, &v);
+        struct bsdf_sample8 bs = bsdf_sample(&bsdf, fx, TRANSPORT_RADIANCE, go, wo, lobe, u, v);
+        struct vec3x8 wi_world = frame_to_world(&frame, bs.wi);
+        f8 wi_side = vec3x8_dot(s.ng, wi_world);
+        go &= bs.valid;
+        if (fx & FX_SMOOTH_NORMALS)
+            go &= (bs.transmitted == 0) == (wo_side * wi_side > 0);
+        stats->events += (unsigned)__builtin_popcount(i8_bits(go));
+        struct vec3x8 beta = vec3x8_mul(path.beta, bs.weight);
+
+        if (fx & FX_PATHS) {
+            i8 state_s = i8_gather(ks->dfa.next, path.state * PATH_SYMBOLS + PATH_S);
+            path.state = i8_select(go, i8_select(bs.delta, state_s, state_d), path.state);
+            go &= path.state != 0;
+        }
+
+        /*
+         * Russian roulette from the second event on: survive with probability q, the throughput that
+         * reaches the eye over ROULETTE_REFERENCE, never capped below it, so that no survivor weighs
+         * more than the reference (NUMERICS H47, H48)
+         */
+        f8 q = vec3x8_max(beta);
+        if (fx & FX_DIELECTRIC) {
+            path.eta_scale = f8_select(go, path.eta_scale * (bs.eta * bs.eta), path.eta_scale);
+            q = q * path.eta_scale;
+        }
+        q = q * (1 / ROULETTE_REFERENCE);
+        go &= q > 0;
+        i8 gamble = go & (q < 1) & (path.events > 0);
+        if (i8_any(gamble)) {
+            f8 r = sampler_1d(&ks->sampler, any, &path.key,
+                              vertex_dimension(&path, SAMPLE_ROULETTE));
+            go &= ~(gamble & (r >= q));
+            beta = vec3x8_select(gamble, vec3x8_scale(beta, 1 / q), beta);
+        }
+
+        /* Paths that end here are done; the others leave along wi */
+        i8 ended = i8_from_bits(alive) & ~go;
+        unsigned finished = i8_bits(ended);
+        if (finished != 0)
+            store_finished(&path, finished, thread);
+        alive &= ~finished;
+        path.beta = beta;
+        path.d = wi_world;
+        path.o = vec3x8_along(s.p, s.ng, f8_mulsign(s.spawn, wi_side));
+        path.from = s.p;
+        path.pdf = f8_select(bs.delta, F8(0), bs.pdf);
+        path.events = path.events + 1;
+    }
+}
+
+#define X(name, mask)                                                                              \
+    void JOIN(path_leaf_, name, KERNEL_ISA)(const struct kernel_scene *ks,                         \
+                                            struct kernel_thread *thread, uint32_t tile,           \
+                                            uint32_t replicate, uint64_t leaf,                     \
+                                            struct path_stats *stats)                              \
+    {                                                                                              \
+        assert((ks->fx & ~(unsigned)(mask)) == 0);                                                 \
+        path_radiance(ks, thread, tile, replicate, leaf, stats, (mask));                           \
+    }
+KERNEL_VARIANTS(X)
+#undef X
+
+/* ---- spheres and disks, called back by Embree */
+
+void JOIN(path_quadric_, bounds, KERNEL_ISA)(const struct RTCBoundsFunctionArguments *args)
+{
+    const struct scene *scene = args->geometryUserPtr;
+    const struct quadric *q = &scene->quadrics[args->primID];
+    float half[3];
+    for (int axis = 0; axis < 3; axis++) {
+        /* The image of a ball reaches |row| * radius along each axis; a disk's, |x, y part of row| */
+        const float *row = q->to_world + 3 * axis;
+        float z = q->kind == QUADRIC_SPHERE ? row[2] : 0;
+        half[axis] = q->radius * __builtin_sqrtf(row[0] * row[0] + row[1] * row[1] + z * z);
+        float magnitude = __builtin_fabsf(q->center[axis]) + half[axis];
+        half[axis] += magnitude * 0x1p-20f; /* rounding, and thickness for a flat disk */
+    }
+    args->bounds_o->lower_x = q->center[0] - half[0];
+    args->bounds_o->lower_y = q->center[1] - half[1];
+    args->bounds_o->lower_z = q->center[2] - half[2];
+    args->bounds_o->upper_x = q->center[0] + half[0];
+    args->bounds_o->upper_y = q->center[1] + half[1];
+    args->bounds_o->upper_z = q->center[2] + half[2];
+}
+
+/* Up to eight of the N rays, from `first` on, as lanes */
+struct callback8 {
+    struct vec3x8 o, d;
+    f8 tnear, tfar;
+    i8 valid;
+};
+
+LANE_FN struct callback8 callback_load(const int *valid, const float *rays, unsigned N,
+                                       unsigned first)
+{
+    struct callback8 c = { .d = vec3x8_all(0, 0, 1), .valid = I8(0) };
+    for (unsigned lane = 0; lane < LANES && first + lane < N; lane++) {
+        const float *ray = rays + first + lane;
+        c.o.x[lane] = ray[RAY_ORG_X * N];
+        c.o.y[lane] = ray[RAY_ORG_Y * N];
+        c.o.z[lane] = ray[RAY_ORG_Z * N];
+        c.d.x[lane] = ray[RAY_DIR_X * N];
+        c.d.y[lane] = ray[RAY_DIR_Y * N];
+        c.d.z[lane] = ray[RAY_DIR_Z * N];
+        c.tnear[lane] = ray[RAY_TNEAR * N];
+        c.tfar[lane] = ray[RAY_TFAR * N];
+        c.valid[lane] = valid[first + lane];
+    }
+    return c;
+}
+
+void JOIN(path_quadric_, intersect, KERNEL_ISA)(const struct RTCIntersectFunctionNArguments *args)
+{
+    const struct scene *scene = args->geometryUserPtr;
+    const struct quadric *q = &scene->quadrics[args->primID];
+    unsigned N = args->N;
+    float *rays = (float *)args->rayhit;
+    unsigned *hits = (unsigned *)args->rayhit + (size_t)RAY_ROWS * N;
+    for (unsigned first = 0; first < N; first += LANES) {
+        struct callback8 c = callback_load(args->valid, rays, N, first);
+        f8 t;
+        i8 hit = quadric_intersect(q, c.valid, c.o, c.d, c.tnear, c.tfar, &t);
+        for (unsigned todo = i8_bits(hit); todo != 0; todo &= todo - 1) {
+            unsigned lane = (unsigned)__builtin_ctz(todo), i = first + lane;
+            rays[RAY_TFAR * N + i] = t[lane];
+            hits[HIT_GEOM * N + i] = args->geomID;
+            hits[HIT_PRIM * N + i] = args->primID;
+            hits[HIT_INST * N + i] = RTC_INVALID_GEOMETRY_ID;
+        }
+    }
+}
+
+void JOIN(path_quadric_, occluded, KERNEL_ISA)(const struct RTCOccludedFunctionNArguments *args)
+{
+    const struct scene *scene = args->geometryUserPtr;
+    const struct quadric *q = &scene->quadrics[args->primID];
+    unsigned N = args->N;
+    float *rays = (float *)args->ray;
+    for (unsigned first = 0; first < N; first += LANES) {
+        struct callback8 c = callback_load(args->valid, rays, N, first);
+        f8 t;
+        i8 hit = quadric_intersect(q, c.valid, c.o, c.d, c.tnear, c.tfar, &t);
+        for (unsigned todo = i8_bits(hit); todo != 0; todo &= todo - 1)
+            rays[RAY_TFAR * N + first + (unsigned)__builtin_ctz(todo)] = -__builtin_inff();
+    }
+}
