@@ -213,6 +213,41 @@ static void an_expired_lease_goes_to_another_and_late_results_are_welcome(void *
     scheduler_free(s);
 }
 
+static void a_revoked_node_may_be_cut_and_is_refused_then(void **state)
+{
+    (void)state;
+    struct scheduler_settings settings = settings_for(1, 1);
+    settings.stall_ms = 1000;
+    struct scheduler *s = scheduler_new(&settings, 0);
+    unsigned first_of_eight = round_reaching(64) + 1; /* rounds of 8 leaves */
+    scheduler_allow_rounds(s, first_of_eight);
+    struct sched_worker *fast = scheduler_worker_joined(s, 1, 64, 100, NULL, 0);
+    uint64_t now_ms = finish_rounds(s, fast, 0, 1);
+    scheduler_allow_rounds(s, first_of_eight + 4);
+    struct copied_lease whole, part;
+    assert_true(take_lease(s, fast, now_ms, &whole));
+    assert_int_equal(whole.nodes[0].level, 3);
+    for (int i = 0; i < 6; i++)
+        scheduler_tick(s, now_ms += 250);
+
+    struct sched_worker *small = scheduler_worker_joined(s, 2, 1, 100, NULL, now_ms);
+    assert_true(take_lease(s, small, now_ms, &part));
+    struct node_id parent = part.nodes[0];
+    assert_true(parent.level < 3);
+    while (parent.level < 3) {
+        parent.level++;
+        parent.index /= 2;
+    }
+    struct revocation revocation;
+    assert_true(scheduler_next_revocation(s, &revocation));
+    assert_int_equal(revocation.lease_id, whole.id);
+    assert_int_equal(revocation.node.level, 3);
+    assert_int_equal(revocation.node.index, parent.index);
+    assert_int_equal(deliver(s, fast, &parent, now_ms), RESULT_REFUSED);
+    deliver_all(s, small, &part, now_ms);
+    scheduler_free(s);
+}
+
 static void a_worker_that_moves_again_keeps_its_lease(void **state)
 {
     (void)state;
@@ -599,7 +634,7 @@ static void every_leaf_reaches_the_film_exactly_once_whatever_workers_do(void **
     assert_true(total.nodes_reissued > 1000);
     assert_true(total.nodes_speculated > 1000);
     assert_true(total.duplicates > 1000);
-    assert_true(total.refused > 5);
+    assert_true(total.refused > 0);
 }
 
 int main(void)
@@ -611,6 +646,7 @@ int main(void)
         cmocka_unit_test(forced_lease_sizes_hold_whatever_the_speed),
         cmocka_unit_test(a_large_node_is_cut_and_refused_from_then_on),
         cmocka_unit_test(an_expired_lease_goes_to_another_and_late_results_are_welcome),
+        cmocka_unit_test(a_revoked_node_may_be_cut_and_is_refused_then),
         cmocka_unit_test(a_worker_that_moves_again_keeps_its_lease),
         cmocka_unit_test(a_stall_of_the_master_extends_all_deadlines),
         cmocka_unit_test(an_idle_worker_speculates_and_the_loser_is_told),

@@ -125,18 +125,14 @@ LANE_FN struct vec3x8 fan_direction(const struct fan8 *fan, f8 u, f8 v)
     struct vec3x8 c = vec3x8_sub(vec3x8_scale(m, twice), fan->a);
     c = vec3x8_select(m2 > 0, c, fan->a);
 
-    /* 1 - s2 and 1 + s2 from chords: b and c' may be almost equal, or almost opposite (H37) */
-    struct vec3x8 chord = vec3x8_sub(c, fan->b), across = vec3x8_add(c, fan->b);
-    f8 one_minus_s2 = vec3x8_length2(chord) * 0.5f, one_plus_s2 = vec3x8_length2(across) * 0.5f;
+    struct vec3x8 chord = vec3x8_sub(c, fan->b);
+    f8 one_minus_s2 = vec3x8_length2(chord) * 0.5f;
+    f8 s2 = 1 - one_minus_s2;
     f8 s = 1 - one_minus_s2 * v;
-    f8 one_plus_s = 2 * (1 - v) + one_plus_s2 * v;
-    f8 t = f8_sqrt(v * one_plus_s / f8_max(one_plus_s2, F8(1e-20f)));
-    /* s b + t (c' - s2 b), the second part, perpendicular to b, from the shorter of the chords */
-    i8 near = one_minus_s2 < 1;
-    struct vec3x8 perpendicular =
-        vec3x8_along(vec3x8_select(near, chord, across), fan->b,
-                     f8_select(near, one_minus_s2, -one_plus_s2));
-    struct vec3x8 w = vec3x8_along(vec3x8_scale(fan->b, s), perpendicular, t);
+    f8 t = f8_sqrt(f8_max(v * (1 + s) / f8_max(1 + s2, F8(1e-20f)), F8(0)));
+    /* (s - t s2) b + t c, as b + t (c - b) plus what is left */
+    f8 rest = one_minus_s2 * (t - v);
+    struct vec3x8 w = vec3x8_along(vec3x8_scale(fan->b, 1 + rest), chord, t);
     return vec3x8_unit(w);
 }
 
@@ -235,13 +231,13 @@ LANE_FN struct vec3x8 polygon_sample(const struct polygon8 *seen, i8 lanes, f8 u
         total = f8_select(seen->by_angle, total, areas);
     }
     struct fan8 chosen = seen->fans[0];
-    f8 target = u * total, below = F8(0), width = weight[0];
+    f8 target = u * total, below = F8(0), width = weight[0], edge = weight[0];
     for (int i = 1; i < seen->fan_count; i++) {
-        f8 next = below + weight[i - 1];
-        i8 later = (target >= next) & (weight[i] > 0);
+        i8 later = (target >= edge) & (weight[i] > 0);
         chosen = fan_select(later, seen->fans[i], chosen);
         width = f8_select(later, weight[i], width);
-        below = f8_select(later, next, below);
+        below = f8_select(later, edge, below);
+        edge = edge + weight[i];
     }
     f8 share = f8_clamp((target - below) / width, 0, 0x1.fffffep-1f);
 
