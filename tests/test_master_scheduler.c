@@ -75,7 +75,7 @@ static uint64_t leaves_in(const struct copied_lease *lease)
 static uint64_t finish_rounds(struct scheduler *s, struct sched_worker *worker, uint64_t now_ms,
                               uint64_t ms)
 {
-    struct copied_lease lease;
+    struct copied_lease lease = { 0 };
     while (take_lease(s, worker, now_ms, &lease)) {
         now_ms += leaves_in(&lease) * ms;
         deliver_all(s, worker, &lease, now_ms);
@@ -143,7 +143,7 @@ static void forced_lease_sizes_hold_whatever_the_speed(void **state)
     struct scheduler *s = scheduler_new(&settings, 0);
     scheduler_allow_rounds(s, 30);
     struct sched_worker *worker = scheduler_worker_joined(s, 1, 4, 100, NULL, 0);
-    struct copied_lease lease;
+    struct copied_lease lease = { 0 };
     uint64_t leases = 0;
     for (; take_lease(s, worker, leases, &lease); leases++) {
         assert_int_equal(leaves_in(&lease), 1);
@@ -224,7 +224,7 @@ static void a_revoked_node_may_be_cut_and_is_refused_then(void **state)
     struct sched_worker *fast = scheduler_worker_joined(s, 1, 64, 100, NULL, 0);
     uint64_t now_ms = finish_rounds(s, fast, 0, 1);
     scheduler_allow_rounds(s, first_of_eight + 4);
-    struct copied_lease whole, part;
+    struct copied_lease whole = { 0 }, part = { 0 };
     assert_true(take_lease(s, fast, now_ms, &whole));
     assert_int_equal(whole.nodes[0].level, 3);
     for (int i = 0; i < 6; i++)
@@ -279,7 +279,7 @@ static void a_stall_of_the_master_extends_all_deadlines(void **state)
     struct scheduler *s = scheduler_new(&settings, 0);
     scheduler_allow_rounds(s, 1);
     struct sched_worker *worker = scheduler_worker_joined(s, 1, 1, 100, NULL, 0);
-    struct copied_lease lease;
+    struct copied_lease lease = { 0 };
     assert_true(take_lease(s, worker, 0, &lease));
     scheduler_tick(s, 100);
     scheduler_tick(s, 60100);
@@ -323,7 +323,7 @@ static void a_late_duplicate_is_compared_until_its_round_seals(void **state)
     struct scheduler *s = scheduler_new(&settings, 0);
     scheduler_allow_rounds(s, 1);
     struct sched_worker *worker = scheduler_worker_joined(s, 1, 2, 100, NULL, 0);
-    struct copied_lease lease;
+    struct copied_lease lease = { 0 };
     assert_true(take_lease(s, worker, 0, &lease));
     uint8_t other[CHECKSUM_SIZE] = { 1 };
     assert_int_equal(deliver(s, worker, &lease.nodes[0], 1), RESULT_ACCEPTED);
@@ -343,7 +343,7 @@ static void three_different_workers_that_fail_at_a_node_fail_the_job(void **stat
     struct scheduler *s = scheduler_new(&settings, 0);
     scheduler_allow_rounds(s, 1);
     struct err why = { .code = ERR_RENDER, .text = "it hurts" };
-    struct copied_lease lease;
+    struct copied_lease lease = { 0 };
     for (uint64_t nonce = 1; nonce <= 3; nonce++) {
         struct sched_worker *worker = scheduler_worker_joined(s, nonce, 1, 100, NULL, 0);
         assert_true(take_lease(s, worker, 0, &lease));
@@ -369,7 +369,7 @@ static void crashes_count_but_disconnects_and_expiry_never_do(void **state)
     settings.stall_ms = 1000;
     struct scheduler *s = scheduler_new(&settings, 0);
     scheduler_allow_rounds(s, 1);
-    struct copied_lease lease;
+    struct copied_lease lease = { 0 };
     uint64_t now_ms = 0;
     for (uint64_t nonce = 1; nonce <= 10; nonce++) {
         struct sched_worker *worker = scheduler_worker_joined(s, nonce, 1, 100, NULL, now_ms);
@@ -397,7 +397,7 @@ static void a_lone_worker_that_keeps_failing_does_not_hang_the_job(void **state)
     scheduler_allow_rounds(s, 1);
     struct err why = { .code = ERR_RENDER, .text = "no" };
     struct sched_worker *worker = scheduler_worker_joined(s, 1, 1, 100, NULL, 0);
-    struct copied_lease lease;
+    struct copied_lease lease = { 0 };
     int failures = 0;
     while (take_lease(s, worker, 0, &lease)) {
         for (uint32_t i = 0; i < lease.count; i++)
@@ -417,7 +417,7 @@ static void a_node_that_failed_here_is_tried_elsewhere(void **state)
     struct err why = { .code = ERR_RENDER, .text = "no" };
     struct sched_worker *bad = scheduler_worker_joined(s, 1, 1, 100, NULL, 0);
     struct sched_worker *good = scheduler_worker_joined(s, 2, 1, 100, NULL, 0);
-    struct copied_lease lease;
+    struct copied_lease lease = { 0 };
     assert_true(take_lease(s, bad, 0, &lease));
     scheduler_node_failed(s, bad, &lease.nodes[0], &why);
     assert_false(take_lease(s, bad, 0, &lease));
