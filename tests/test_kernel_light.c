@@ -683,13 +683,11 @@ static void lights_are_chosen_as_often_as_they_say(void **state) /* H42, H46 */
     for (size_t i = 0; i < sizeof(counts) / sizeof(counts[0]); i++) {
         struct lights l = lights_begin();
         struct random_lanes r = { counts[i], 0 };
-        double total = 0;
         for (uint32_t k = 0; k < counts[i]; k++) {
             bool sky = counts[i] > 1 && k == counts[i] * (counts[i] % 3) / 2 % counts[i];
             float pick = (float)pow(10, -12 * random_double(&r) * (counts[i] > 5));
             scenes_light(l.scene, (struct light){ .kind = sky ? LIGHT_SKY : LIGHT_POINT,
                                                   .radiance = { 1, 1, 1 }, .pick = pick });
-            total += sky ? 0 : (double)pick;
         }
         lights_open(&l);
         static unsigned hits[SCENES_CAPACITY];

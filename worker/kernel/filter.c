@@ -89,9 +89,9 @@ void filter_table_make(struct filter_table *table, const struct filter_spec *spe
     /* Both axes of a Mitchell filter have the same shape */
     double whole = (positive - negative) * (positive - negative);
     double pp = positive * positive / whole, nn = negative * negative / whole;
-    double pn = 2 * positive * negative / whole;
     table->has_negative = 1;
     table->both_positive = (float)(pp / (pp + nn));
     table->weight_positive = (float)((pp + nn) * 4 / 3);
-    table->weight_negative = (float)(-pn * 4);
+    /* -4 pn but for rounding, taken so that three of the one and one of the other make four */
+    table->weight_negative = (float)(4 - 3 * (double)table->weight_positive);
 }

@@ -54,6 +54,23 @@ static void embree_error(void *user, enum RTCError code, const char *text)
 
 /* ---- lights */
 
+static float light_extent(const struct scene *scene, const struct light *light)
+{
+    float extent = 0;
+    if (light->kind == LIGHT_POLYGON) {
+        const float *corner = scene->light_corners + 3 * (size_t)light->first_corner;
+        for (uint32_t i = 0; i < 3 * light->corner_count; i++)
+            extent = fmaxf(extent, fabsf(corner[i]));
+    }
+    if (light->kind == LIGHT_SPHERE || light->kind == LIGHT_DISK) {
+        const struct quadric *quadric = &scene->quadrics[light->quadric];
+        extent = quadric->world_radius;
+        for (int axis = 0; axis < 3; axis++)
+            extent = fmaxf(extent, fabsf(quadric->center[axis]));
+    }
+    return extent;
+}
+
 /*
  * Cumulative choice probabilities, half by power (`pick`) and half the same for all: power alone
  * would leave dim lights near a receiver to chance. The sky is left out, as scattering finds a
@@ -67,7 +84,8 @@ static bool lights_open(struct kernel_scene *ks, struct err *err)
     ks->polygon_corners_max = 3;
     ks->light_cdf = calloc((size_t)n + 1, sizeof(*ks->light_cdf));
     ks->light_pmf = calloc((size_t)n + 1, sizeof(*ks->light_pmf));
-    if (ks->light_cdf == NULL || ks->light_pmf == NULL)
+    ks->light_extent = calloc((size_t)n + 1, sizeof(*ks->light_extent));
+    if (ks->light_cdf == NULL || ks->light_pmf == NULL || ks->light_extent == NULL)
         return err_set(err, ERR_MEMORY, "no memory for %u lights", n);
 
     double power = 0, number = 0;
@@ -75,6 +93,7 @@ static bool lights_open(struct kernel_scene *ks, struct err *err)
         const struct light *light = &scene->lights[i];
         if (light->kind == LIGHT_POLYGON && (int32_t)light->corner_count > ks->polygon_corners_max)
             ks->polygon_corners_max = (int32_t)light->corner_count;
+        ks->light_extent[i] = light_extent(scene, light);
         if (light->kind != LIGHT_SKY) {
             power += (double)light->pick;
             number++;
@@ -248,6 +267,7 @@ void kernel_close(struct kernel_scene *ks)
         rtcReleaseDevice(ks->device);
     free(ks->light_cdf);
     free(ks->light_pmf);
+    free(ks->light_extent);
     free(ks);
 }
 

@@ -459,7 +459,10 @@ LANE_FN struct light_sample8 light_sample(const struct kernel_scene *ks, unsigne
         }
     }
 
-    /* Area lights: the side that emits, and a point just in front of it */
+    /*
+     * Area lights: the side that emits, and a point in front of it by more than its rounding error,
+     * which the light's size decides even where the receiver is close
+     */
     f8 d2 = vec3x8_length2(to);
     f8 d = f8_sqrt(d2);
     out.wi = vec3x8_scale(to, 1 / d);
@@ -467,7 +470,8 @@ LANE_FN struct light_sample8 light_sample(const struct kernel_scene *ks, unsigne
     out.valid &= (d2 > 0) & light_faces(ks, fx, light, facing);
     out.distance = d;
     struct vec3x8 y = vec3x8_add(p, to);
-    f8 reach = f8_max(f8_max(f8_abs(y.x), f8_max(f8_abs(y.y), f8_abs(y.z))), d);
+    f8 extent = fx & FX_MANY_LIGHTS ? f8_gather(ks->light_extent, light) : F8(ks->light_extent[0]);
+    f8 reach = f8_max(f8_max(f8_abs(y.x), f8_max(f8_abs(y.y), f8_abs(y.z))), f8_max(d, extent));
     out.point = vec3x8_along(y, n, f8_mulsign(reach * SPAWN_ULPS, facing));
     out.pdf_position = chosen / area;
     out.pdf_direction = f8_abs(facing) * PI_INV_F;
