@@ -53,7 +53,8 @@ def run(command, **options):
 
 def python_with_numpy():
     for python in (sys.executable, "/usr/bin/python3"):
-        if subprocess.run([python, "-c", "import numpy"], stderr=subprocess.DEVNULL).returncode == 0:
+        if subprocess.run([python, "-c", "import numpy"],
+                          stderr=subprocess.DEVNULL).returncode == 0:
             return python
     return None
 

@@ -42,7 +42,7 @@ refused bad.pbrt:5:16 'raduis'
 bad 'Shape "sphere" "float radius" "one"'
 refused bad.pbrt:5:31 'radius'
 bad 'Shape "sphere" "float radius" [ 1'
-refused bad.pbrt:6:1 'end'
+refused bad.pbrt:5:16 'no closing bracket'
 bad 'Shape "sphere'
 refused bad.pbrt:5:7 'quote'
 bad 'Translate 1 2'
@@ -52,15 +52,15 @@ refused bad.pbrt:5:15 'nan'
 bad 'Translate 1 2 1e999'
 refused bad.pbrt:5:15 '1e999'
 bad 'AttributeBegin'
-refused bad.pbrt:5:1 'AttributeBegin'
+refused bad.pbrt:5:1 'not closed at the end of the file'
 bad 'AttributeEnd'
 refused bad.pbrt:5:1 'AttributeEnd'
 bad 'Scale 1 0 1' 'Shape "sphere"'
-refused bad.pbrt 'invert'
-head -c 4096 /dev/urandom | tr '\0' x >bad.pbrt
-refused bad.pbrt:1:1 ''
+refused bad.pbrt:5:1 'cannot be inverted'
+printf '\177ELF\002\001\001\0\0\0' >bad.pbrt
+refused bad.pbrt:1:1 'ELF'
 : >bad.pbrt
-refused bad.pbrt ''
+refused bad.pbrt:1:1 'no WorldBegin'
 
 # --- Names
 bad 'MakeNamedMaterial "walls" "string type" "diffuse"' 'NamedMaterial "wals"'
@@ -74,10 +74,8 @@ refused bad.pbrt:5:10 'dielectric'
 bad 'MakeNamedMaterial "a" "string type" "mix" "string materials" [ "a" "a" ]' \
     'NamedMaterial "a"' 'Shape "sphere"'
 refused bad.pbrt:5:37 'contains itself'
-bad 'Material "diffuse" "rgb reflectance" [ 2 2 2 ]'
-refused bad.pbrt:5:20 'reflectance'
 bad 'ObjectInstance "ghost"'
-refused bad.pbrt:5:16 'ghost'
+refused bad.pbrt:5:1 'ObjectInstance'
 bad 'LightSource "infinite" "string filename" "sky.exr"'
 refused bad.pbrt:5:24 'filename'
 
@@ -92,36 +90,39 @@ bad 'Include "missing.pbrt"'
 refused bad.pbrt:5:9 'missing.pbrt'
 bad 'Include "."'
 refused bad.pbrt:5:9 'regular file'
+echo 'Shape "spere"' >inner.pbrt
+bad 'Include "inner.pbrt"'
+refused inner.pbrt:1:7 'nearest is "sphere"'
 refused nothing.pbrt 'No such file' nothing.pbrt
 refused . 'regular file' .
 
 # --- Meshes
 bad "Shape \"trianglemesh\" $triangle [ 0 1 3 ]"
-refused bad.pbrt:5 'index 3 .* out of range: there are 3 vertices'
+refused bad.pbrt:5:57 'index 3 .* out of range: there are 3 vertices'
 bad "Shape \"trianglemesh\" $triangle [ 0 1 -1 ]"
-refused bad.pbrt:5 'index -1 .* out of range'
+refused bad.pbrt:5:57 'index -1 .* out of range'
 bad "Shape \"trianglemesh\" $triangle [ 0 1 2 0 ]"
-refused bad.pbrt:5 'multiple of three'
+refused bad.pbrt:5:57 'multiple of three'
 bad 'Shape "trianglemesh" "point3 P" [ 0 0 0  1 0 nan  0 1 0 ]'
 refused bad.pbrt:5:46 'nan'
 bad 'Shape "trianglemesh" "point3 P" [ 0 0 0  1 0 1e39  0 1 0 ]'
-refused bad.pbrt:5 'float32'
+refused bad.pbrt:5:7 'float32'
 bad 'Shape "sphere" "float radius" 0'
-refused bad.pbrt:5 'no area'
+refused bad.pbrt:5:7 'no area'
 bad 'Shape "sphere" "float radius" -1'
-refused bad.pbrt:5 'no area'
+refused bad.pbrt:5:7 'no area'
 
 # --- Lights
 bad 'AreaLightSource "diffuse"' 'Shape "trianglemesh" "point3 P" [ 0 0 0  1 1 1  2 2 2 ]'
-refused bad.pbrt 'area'
+refused bad.pbrt:5:17 'this light has no area'
 bad 'AreaLightSource "diffuse"' 'Shape "disk" "float radius" 0'
-refused bad.pbrt:6 'no area'
+refused bad.pbrt:6:7 'no area'
 bad 'LightSource "spot" "point3 from" [ 1 1 1 ] "point3 to" [ 1 1 1 ]'
-refused bad.pbrt:5 'same point'
+refused bad.pbrt:5:13 'same point'
 bad 'LightSource "point" "rgb I" [ 1 1 nan ]'
-refused bad.pbrt:5 'nan'
+refused bad.pbrt:5:35 'nan'
 bad 'AreaLightSource "diffuse" "rgb L" [ -1 1 1 ]' 'Shape "sphere"'
-refused bad.pbrt:5 'negative'
+refused bad.pbrt:5:27 'colour of -1'
 
 # --- PLY files
 header() {
@@ -131,41 +132,41 @@ header() {
 }
 ply='Shape "plymesh" "string filename" "mesh.ply"'
 bad "$ply"
-refused bad.pbrt:5:36 'mesh.ply: cannot be opened'
+refused 'bad.pbrt:5:35: mesh.ply' 'cannot be opened'
 echo 'not ply' >mesh.ply
-refused 'bad.pbrt:5:36: mesh.ply:1' 'not a PLY file'
+refused 'bad.pbrt:5:35: mesh.ply:1' 'not a PLY file'
 : >mesh.ply
-refused 'bad.pbrt:5:36: mesh.ply' ''
+refused 'bad.pbrt:5:35: mesh.ply:1' 'ends inside the PLY header'
 header 3 1 | head -n 6 >mesh.ply
-refused 'bad.pbrt:5:36: mesh.ply' 'end'
+refused 'bad.pbrt:5:35: mesh.ply:7' 'ends inside the PLY header'
 (header 3 1 && printf '0 0 0\n1 0 0\n') >mesh.ply
-refused 'bad.pbrt:5:36: mesh.ply' 'ends early, in vertex 2'
+refused 'bad.pbrt:5:35: mesh.ply' 'ends early, in vertex 2'
 (header 3 1 && printf '0 0 0\n1 0 0\n0 1 0\n') >mesh.ply
-refused 'bad.pbrt:5:36: mesh.ply' 'ends early, in face 0'
+refused 'bad.pbrt:5:35: mesh.ply' 'ends early, in face 0'
 (header 3 1 && printf '0 0 0\n1 0 0\n0 1 0\n3 0 1 3\n') >mesh.ply
-refused 'bad.pbrt:5:36: mesh.ply' 'face 0: vertex index 3 is out of range (3 vertices)'
+refused 'bad.pbrt:5:35: mesh.ply' 'face 0: vertex index 3 is out of range (3 vertices)'
 (header 3 1 && printf '0 0 0\n1 0 0\n0 1 0\n3 0 1 -1\n') >mesh.ply
-refused 'bad.pbrt:5:36: mesh.ply' 'face 0: vertex index -1 is out of range'
+refused 'bad.pbrt:5:35: mesh.ply' 'face 0: vertex index -1 is out of range'
 (header 3 1 && printf '0 0 0\n1 nan 0\n0 1 0\n3 0 1 2\n') >mesh.ply
-refused 'bad.pbrt:5:36: mesh.ply' 'vertex 1: its position is not finite'
+refused 'bad.pbrt:5:35: mesh.ply' 'vertex 1: its position is not finite'
 (header 3 1 && printf '0 0 0\n1 x 0\n0 1 0\n3 0 1 2\n') >mesh.ply
-refused 'bad.pbrt:5:36: mesh.ply:11' '"x" is not a number'
+refused 'bad.pbrt:5:35: mesh.ply:11' '"x" is not a number'
 (header 3 1 && printf '0 0 0\n1 0 0\n0 1 0\n255 0 1 2\n') >mesh.ply
-refused 'bad.pbrt:5:36: mesh.ply' 'ends early, in face 0'
+refused 'bad.pbrt:5:35: mesh.ply' 'ends early, in face 0'
 (header 1000000000 1 && printf '0 0 0\n') >mesh.ply
-refused 'bad.pbrt:5:36: mesh.ply' '1000000000'
+refused 'bad.pbrt:5:35: mesh.ply' '1000000000'
 (header 1000000000 1 binary_little_endian && printf '0000') >mesh.ply
-refused 'bad.pbrt:5:36: mesh.ply' '1000000000'
+refused 'bad.pbrt:5:35: mesh.ply' '1000000000'
 gzip -c mesh.ply >mesh.ply.gz && mv mesh.ply.gz mesh.ply
-refused 'bad.pbrt:5:36: mesh.ply' 'ends early'
+refused 'bad.pbrt:5:35: mesh.ply' 'ends early'
 (header 3 99999999999999999999) >mesh.ply
-refused 'bad.pbrt:5:36: mesh.ply:7' '99999999999999999999'
+refused 'bad.pbrt:5:35: mesh.ply:7' '99999999999999999999'
 (header 3 1 binary_big_endian && printf '%036d' 0 && printf '\377\377') >mesh.ply
-refused 'bad.pbrt:5:36: mesh.ply' 'ends early, in face 0'
+refused 'bad.pbrt:5:35: mesh.ply' 'ends early, in face 0'
 (header 3 1 binary_middle_endian) >mesh.ply
-refused 'bad.pbrt:5:36: mesh.ply:2' 'binary_middle_endian'
+refused 'bad.pbrt:5:35: mesh.ply:2' 'binary_middle_endian'
 (header 3 1 && printf '0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n') | gzip -c | head -c 60 >mesh.ply
-refused 'bad.pbrt:5:36: mesh.ply' ''
+refused 'bad.pbrt:5:35: mesh.ply:3' 'ends inside the PLY header'
 
 # --- The same input is no trouble to a render that runs: the picture comes out
 (header 3 1 && printf '0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n') >mesh.ply

@@ -181,7 +181,6 @@ static bool geometry_open(struct kernel_scene *ks, struct err *err)
     rtcSetDeviceErrorFunction(ks->device, embree_error, &first);
     ks->rtc = rtcNewScene(ks->device);
     rtcSetSceneFlags(ks->rtc, RTC_SCENE_FLAG_ROBUST);
-    rtcSetSceneBuildQuality(ks->rtc, RTC_BUILD_QUALITY_HIGH);
     if (!meshes_attach(ks, err) || !quadrics_attach(ks, err))
         return false;
     rtcCommitScene(ks->rtc);

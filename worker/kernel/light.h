@@ -82,13 +82,15 @@ LANE_FN struct vec3x8 light_corner(const struct kernel_scene *ks, unsigned fx, i
 
 /*
  * One spherical triangle of a polygon's fan, seen from the origin: corners A, B, C, their unit
- * directions a, b, c and solid angle omega = 2 atan2(G0, G1 + G2) after Van Oosterom and Strackee
- * 1983. G0 = det(a, b, c) is taken from the edges, so that it is right to the tiniest angles
- * (NUMERICS H38).
+ * directions a, b, c, and solid angle omega = 2 atan2(G0, P) with G0 = det(a, b, c) and
+ * P = 1 + ab + bc + ca, after Van Oosterom and Strackee 1983. G0 is taken from the edges, right to
+ * the tiniest angles (NUMERICS H38); P from the sum s = a + c, right to the widest, where a and c
+ * are almost opposite (a wall beside the floor it lights: H37).
  */
 struct fan8 {
-    struct vec3x8 A, B, C, a, b, c;
-    f8 G0, G1, G2, omega;
+    struct vec3x8 A, B, C, a, b, s;
+    f8 G0, G2, P, omega; /* G2 = 1 + ab */
+    f8 one_plus_ac;
 };
 
 LANE_FN struct fan8 fan_select(i8 mask, struct fan8 x, struct fan8 y)
@@ -99,37 +101,50 @@ LANE_FN struct fan8 fan_select(i8 mask, struct fan8 x, struct fan8 y)
     fan.C = vec3x8_select(mask, x.C, y.C);
     fan.a = vec3x8_select(mask, x.a, y.a);
     fan.b = vec3x8_select(mask, x.b, y.b);
-    fan.c = vec3x8_select(mask, x.c, y.c);
+    fan.s = vec3x8_select(mask, x.s, y.s);
     fan.G0 = f8_select(mask, x.G0, y.G0);
-    fan.G1 = f8_select(mask, x.G1, y.G1);
     fan.G2 = f8_select(mask, x.G2, y.G2);
+    fan.P = f8_select(mask, x.P, y.P);
     fan.omega = f8_select(mask, x.omega, y.omega);
+    fan.one_plus_ac = f8_select(mask, x.one_plus_ac, y.one_plus_ac);
     return fan;
 }
 
 /*
+ * a + c of unit vectors. It is at right angles to a - c; where the two are almost opposite, what
+ * the rounding of their lengths adds along a - c is taken away again.
+ */
+LANE_FN struct vec3x8 fan_sum(struct vec3x8 a, struct vec3x8 c)
+{
+    struct vec3x8 sum = vec3x8_add(a, c), apart = vec3x8_sub(a, c);
+    f8 d2 = vec3x8_length2(apart);
+    f8 along = f8_select(d2 > 2, vec3x8_dot(sum, apart) / d2, F8(0));
+    return vec3x8_along(sum, apart, -along);
+}
+
+/*
  * A direction uniform in the fan triangle's solid angle. Choose the vertex c' on the arc a..c that
- * cuts off the share u of the angle: with c' the mirror image of a about m = x a + y c, Van Oosterom's
- * formula gives x and y in closed form (as in Peters, "BRDF Importance Sampling for Polygonal
- * Lights", 2021). Then choose the point between b and c' with density proportional to the circle's
- * arc length; 1 - s is kept as a product, so that nothing cancels in small triangles.
+ * cuts off the share u of the angle: with c' the mirror image of a about m = (x - y) a + y (a + c),
+ * Van Oosterom's formula gives x - y and y in closed form (compare Peters, "BRDF Importance Sampling
+ * for Polygonal Lights", 2021). Then choose the point between b and c', uniform in its cosine with b;
+ * 1 - s is kept as a product, so that nothing cancels in small triangles.
  */
 LANE_FN struct vec3x8 fan_direction(const struct fan8 *fan, f8 u, f8 v)
 {
     f8 sine, cosine;
     f8_sincos_turns(fan->omega * u * (0.25f * PI_INV_F), &sine, &cosine);
-    f8 x = fan->G0 * cosine - fan->G1 * sine, y = fan->G2 * sine;
-    struct vec3x8 m = vec3x8_along(vec3x8_scale(fan->a, x), fan->c, y);
+    f8 x_y = fan->G0 * cosine - fan->P * sine, y = fan->G2 * sine;
+    struct vec3x8 m = vec3x8_along(vec3x8_scale(fan->a, x_y), fan->s, y);
     f8 m2 = vec3x8_length2(m);
-    f8 twice = 2 * vec3x8_dot(fan->a, m) / m2;
+    f8 twice = 2 * (x_y + y * fan->one_plus_ac) / m2;
     struct vec3x8 c = vec3x8_sub(vec3x8_scale(m, twice), fan->a);
     c = vec3x8_select(m2 > 0, c, fan->a);
 
     struct vec3x8 chord = vec3x8_sub(c, fan->b);
     f8 one_minus_s2 = vec3x8_length2(chord) * 0.5f;
-    f8 s2 = 1 - one_minus_s2;
-    f8 s = 1 - one_minus_s2 * v;
-    f8 t = f8_sqrt(f8_max(v * (1 + s) / f8_max(1 + s2, F8(1e-20f)), F8(0)));
+    f8 one_plus_s2 = vec3x8_length2(vec3x8_add(c, fan->b)) * 0.5f;
+    f8 one_plus_s = 2 * (1 - v) + v * one_plus_s2;
+    f8 t = f8_sqrt(v * one_plus_s / f8_max(one_plus_s2, F8(1e-20f)));
     /* (s - t s2) b + t c, as b + t (c - b) plus what is left */
     f8 rest = one_minus_s2 * (t - v);
     struct vec3x8 w = vec3x8_along(vec3x8_scale(fan->b, 1 + rest), chord, t);
@@ -168,27 +183,27 @@ LANE_FN void polygon_seen(const struct kernel_scene *ks, unsigned fx, struct vec
     f8 ia = 1 / f8_sqrt(vec3x8_length2(fan.A)), ib = 1 / f8_sqrt(vec3x8_length2(fan.B));
     fan.a = vec3x8_scale(fan.A, ia);
     fan.b = vec3x8_scale(fan.B, ib);
-    f8 ab = vec3x8_dot(fan.a, fan.b);
+    fan.G2 = vec3x8_length2(fan_sum(fan.a, fan.b)) * 0.5f;
     seen->fan_count = ks->polygon_corners_max - 2;
     seen->omega = F8(0);
     int i = 0;
     do { /* every polygon has at least one triangle */
         fan.C = light_corner(ks, fx, first, count, i + 2, p);
         f8 ic = 1 / f8_sqrt(vec3x8_length2(fan.C));
-        fan.c = vec3x8_scale(fan.C, ic);
-        f8 ac = vec3x8_dot(fan.a, fan.c);
+        struct vec3x8 c = vec3x8_scale(fan.C, ic);
+        fan.s = fan_sum(fan.a, c);
+        fan.one_plus_ac = vec3x8_length2(fan.s) * 0.5f;
+        fan.P = fan.one_plus_ac + vec3x8_dot(fan.b, fan.s);
         struct vec3x8 normal = vec3x8_cross(vec3x8_sub(fan.B, fan.A), vec3x8_sub(fan.C, fan.A));
         fan.G0 = f8_abs(vec3x8_dot(fan.A, normal)) * (ia * ib * ic);
-        fan.G1 = vec3x8_dot(fan.b, fan.c) + ac;
-        fan.G2 = 1 + ab;
-        f8 omega = 2 * f8_atan2(fan.G0, fan.G1 + fan.G2);
+        f8 omega = 2 * f8_atan2(fan.G0, fan.P);
         fan.omega = f8_select(fan.G0 > 0, omega, F8(0));
         seen->omega = seen->omega + fan.omega;
         seen->fans[i] = fan;
         fan.B = fan.C;
-        fan.b = fan.c;
+        fan.b = c;
         ib = ic;
-        ab = ac;
+        fan.G2 = fan.one_plus_ac;
     } while (++i < seen->fan_count);
     seen->by_angle = seen->omega >= POLYGON_OMEGA_MIN;
 }
