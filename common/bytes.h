@@ -83,24 +83,24 @@ static inline bool writer_done(const struct writer *out)
     X(f32, float)    \
     X(f64, double)
 
-#define X(name, type)                                                                       \
-    static inline type read_##name(struct reader *in)                                       \
-    {                                                                                       \
-        type value;                                                                         \
-        bytes_read(in, &value, sizeof(value));                                              \
-        return value;                                                                       \
-    }                                                                                       \
-    static inline void read_##name##s(struct reader *in, type *values, size_t count)        \
-    {                                                                                       \
-        bytes_read(in, values, count * sizeof(type));                                       \
-    }                                                                                       \
-    static inline void write_##name(struct writer *out, type value)                         \
-    {                                                                                       \
-        bytes_write(out, &value, sizeof(value));                                            \
-    }                                                                                       \
+#define X(name, type)                                                                        \
+    static inline type read_##name(struct reader *in)                                        \
+    {                                                                                        \
+        type value;                                                                          \
+        bytes_read(in, &value, sizeof(value));                                               \
+        return value;                                                                        \
+    }                                                                                        \
+    static inline void read_##name##s(struct reader *in, type *values, size_t count)         \
+    {                                                                                        \
+        bytes_read(in, values, count * sizeof(type));                                        \
+    }                                                                                        \
+    static inline void write_##name(struct writer *out, type value)                          \
+    {                                                                                        \
+        bytes_write(out, &value, sizeof(value));                                             \
+    }                                                                                        \
     static inline void write_##name##s(struct writer *out, const type *values, size_t count) \
-    {                                                                                       \
-        bytes_write(out, values, count * sizeof(type));                                     \
+    {                                                                                        \
+        bytes_write(out, values, count * sizeof(type));                                      \
     }
 BYTES_MAP(X)
 #undef X

@@ -14,11 +14,11 @@
 
 /* What the master does about an error that a worker reports. */
 enum err_reaction {
-    GIVE_UP,  /* the job cannot work; it fails with this reason */
-    REQUEUE,  /* nobody's fault: the nodes go back to the queue */
-    COUNT,    /* counts against the unit: three different workers fail the job */
-    UNFIT,    /* this worker is not eligible for this job; its nodes go back */
-    HANG_UP,  /* the peer cannot be trusted to speak: disconnect */
+    GIVE_UP, /* the job cannot work; it fails with this reason */
+    REQUEUE, /* nobody's fault: the nodes go back to the queue */
+    COUNT,   /* counts against the unit: three different workers fail the job */
+    UNFIT,   /* this worker is not eligible for this job; its nodes go back */
+    HANG_UP, /* the peer cannot be trusted to speak: disconnect */
 };
 
 #define ERR_MAP(X) /* name, wire number (never reused), what the master does next, meaning */ \

@@ -1,8 +1,9 @@
 /*
  * The path automaton: which paths count. Paths are read from the eye: every scattering is D (any
- * but a delta event) or S (a delta event), and the path ends at a light. A state tells what was read
- * so far; `accepts` says that light found now completes a wanted path. State 0 is dead: nothing that
- * follows can be wanted, so the path ends there. The default accepts L(D|S)*E, every path.
+ * but a delta event) or S (a delta event), and the path ends at a light. A state tells what was
+ * read so far; `accepts` says that light found now completes a wanted path. State 0 is dead:
+ * nothing that follows can be wanted, so the path ends there. The default accepts L(D|S)*E, every
+ * path.
  */
 #ifndef COMMON_PATH_DFA_H
 #define COMMON_PATH_DFA_H

@@ -54,36 +54,36 @@ struct filter_spec {
     float b, c;      /* mitchell */
 };
 
-#define SAMPLER_MAP(X)                                                            \
-    X(SOBOL, 0, "sobol")                                                          \
-    X(INDEPENDENT, 1, "independent")                                              \
-    X(STRATIFIED, 2, "stratified")                                                \
-    X(HALTON, 3, "halton")                                                        \
+#define SAMPLER_MAP(X)               \
+    X(SOBOL, 0, "sobol")             \
+    X(INDEPENDENT, 1, "independent") \
+    X(STRATIFIED, 2, "stratified")   \
+    X(HALTON, 3, "halton")           \
     X(HAMMERSLEY, 4, "hammersley")
 enum sampler_kind {
 #define X(name, number, text) SAMPLER_##name = number,
     SAMPLER_MAP(X)
 #undef X
-    SAMPLER_COUNT
+        SAMPLER_COUNT
 };
 
 /* The small part of a scene: everything that is not an array. Fixed layout. */
 struct scene_settings {
-    double center[3];           /* what was subtracted from the file's world coordinates */
-    float bounds_min[3];        /* of all geometry, re-centred; an empty scene has zeros */
+    double center[3];    /* what was subtracted from the file's world coordinates */
+    float bounds_min[3]; /* of all geometry, re-centred; an empty scene has zeros */
     float bounds_max[3];
     struct camera camera;
-    uint32_t width, height;     /* of the full image, pixels */
-    uint32_t crop[4];           /* x0, x1, y0, y1: rendered are x0 <= x < x1, y0 <= y < y1 */
+    uint32_t width, height; /* of the full image, pixels */
+    uint32_t crop[4];       /* x0, x1, y0, y1: rendered are x0 <= x < x1, y0 <= y < y1 */
     struct filter_spec filter;
-    uint32_t sampler;           /* enum sampler_kind */
-    uint32_t sampler_spp;       /* what the scene file asks for; 0 when it does not */
-    uint32_t max_depth;         /* scattering events; SCENE_NONE when unlimited */
-    uint32_t effects;           /* scene_effects() of this scene */
-    uint32_t has_normals;       /* any mesh with MESH_NORMALS */
-    float sky[3];               /* radiance from infinity: the sum of constant infinite lights */
-    uint32_t sky_light;         /* index of its entry in lights, or SCENE_NONE */
-    uint32_t reserved[8];       /* zero */
+    uint32_t sampler;     /* enum sampler_kind */
+    uint32_t sampler_spp; /* what the scene file asks for; 0 when it does not */
+    uint32_t max_depth;   /* scattering events; SCENE_NONE when unlimited */
+    uint32_t effects;     /* scene_effects() of this scene */
+    uint32_t has_normals; /* any mesh with MESH_NORMALS */
+    float sky[3];         /* radiance from infinity: the sum of constant infinite lights */
+    uint32_t sky_light;   /* index of its entry in lights, or SCENE_NONE */
+    uint32_t reserved[8]; /* zero */
 };
 
 enum mesh_flag {
@@ -103,7 +103,8 @@ struct mesh {
     uint32_t first_vertex, vertex_count;
     uint32_t normal_shift, uv_shift;
     uint32_t material;       /* index into materials; SCENE_NONE: an interface that is not there */
-    uint32_t first_emissive; /* triangle t emits as light triangle_light[first_emissive + t]; or SCENE_NONE */
+    uint32_t first_emissive; /* triangle t emits as light triangle_light[first_emissive + t]; or
+                                SCENE_NONE */
     uint32_t flags;
 };
 
@@ -135,7 +136,7 @@ enum material_kind {
     MATERIAL_CONDUCTOR = 2,  /* eta, k per channel; alpha */
     MATERIAL_DIELECTRIC = 3, /* ior; alpha */
     MATERIAL_COAT = 4,       /* dielectric coat (ior, alpha, table) over diffuse reflectance */
-    MATERIAL_MIX = 5,        /* mix[0] with probability 1 - amount, mix[1] with probability amount */
+    MATERIAL_MIX = 5, /* mix[0] with probability 1 - amount, mix[1] with probability amount */
     MATERIAL_KINDS
 };
 
@@ -148,9 +149,9 @@ enum material_kind {
  *   f(wo, wi) = f_ggx(wo, wi) + T(wo) T(wi) reflectance coat_scale / (1 - reflectance coat_inner)
  * with T(mu) the share of light from outside at cosine mu that arrives at the base, coat_inner the
  * share of the base's diffuse light that the coat sends back to it, and coat_scale = 1 / (pi n^2).
- * coat_tables[coat_table * COAT_TABLE_LEN + i] = T(mu) at mu = (i / (COAT_TABLE_LEN - 1))^2; between
- * them linear in sqrt(mu).
- * Both sides of the surface are coated. With two alphas the table is that of their mean.
+ * coat_tables[coat_table * COAT_TABLE_LEN + i] = T(mu) at mu = (i / (COAT_TABLE_LEN - 1))^2;
+ * between them linear in sqrt(mu). Both sides of the surface are coated. With two alphas the table
+ * is that of their mean.
  */
 #define ALPHA_SMOOTH 1e-3f
 struct material {
@@ -158,7 +159,7 @@ struct material {
     float reflectance[3];
     float specular[3];
     float eta[3], k[3];
-    float ior;         /* inside over outside */
+    float ior; /* inside over outside */
     float alpha[2];
     uint32_t mix[2];
     float mix_amount;
@@ -191,8 +192,8 @@ struct light {
     float direction[3]; /* spot, distant: the way the light travels, unit */
     float normal[3];
     float cos_falloff_start, cos_falloff_end; /* spot, pbrt's smoothstep between them */
-    float area;         /* world units, one side */
-    float pick;         /* probability that light sampling chooses this light; all sum to 1 */
+    float area;                               /* world units, one side */
+    float pick; /* probability that light sampling chooses this light; all sum to 1 */
     uint32_t first_corner, corner_count;
     uint32_t quadric;
 };
@@ -226,17 +227,17 @@ struct scene {
 };
 
 /* The arrays, for code that treats all alike: member, count member, element type, per count */
-#define SCENE_ARRAYS(X)                                               \
-    X(positions, vertex_count, float, 3)                              \
-    X(normals, normal_count, float, 3)                                \
-    X(uvs, uv_count, float, 2)                                        \
-    X(triangles, triangle_count, uint32_t, 3)                         \
-    X(meshes, mesh_count, struct mesh, 1)                             \
-    X(quadrics, quadric_count, struct quadric, 1)                     \
-    X(materials, material_count, struct material, 1)                  \
-    X(coat_tables, coat_table_count, float, COAT_TABLE_LEN)           \
-    X(lights, light_count, struct light, 1)                           \
-    X(light_corners, light_corner_count, float, 3)                    \
+#define SCENE_ARRAYS(X)                                     \
+    X(positions, vertex_count, float, 3)                    \
+    X(normals, normal_count, float, 3)                      \
+    X(uvs, uv_count, float, 2)                              \
+    X(triangles, triangle_count, uint32_t, 3)               \
+    X(meshes, mesh_count, struct mesh, 1)                   \
+    X(quadrics, quadric_count, struct quadric, 1)           \
+    X(materials, material_count, struct material, 1)        \
+    X(coat_tables, coat_table_count, float, COAT_TABLE_LEN) \
+    X(lights, light_count, struct light, 1)                 \
+    X(light_corners, light_corner_count, float, 3)          \
     X(triangle_light, triangle_light_count, uint32_t, 1)
 
 /* An empty scene with default settings; NULL when memory runs out. scene_free(NULL) is fine. */

@@ -268,8 +268,7 @@ static void node_sums_copy(struct node_sums *to, const struct node_sums *from)
     float *values = to->values;
     *to = *from;
     to->values = values;
-    memcpy(values, from->values,
-           (size_t)from->pixel_count * from->channel_count * sizeof(*values));
+    memcpy(values, from->values, (size_t)from->pixel_count * from->channel_count * sizeof(*values));
 }
 
 static void node_sums_zero(struct node_sums *sums)

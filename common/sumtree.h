@@ -21,27 +21,32 @@
 
 struct err;
 
-#define TILE_SIZE      32                      /* pixels along a side */
+#define TILE_SIZE      32 /* pixels along a side */
 #define TILE_PIXELS    (TILE_SIZE * TILE_SIZE)
-#define NODE_LEVEL_MAX 40                      /* leaves per replicate: at most 2^40 */
-#define ROUND_COUNT    304                     /* rounds up to there */
+#define NODE_LEVEL_MAX 40  /* leaves per replicate: at most 2^40 */
+#define ROUND_COUNT    304 /* rounds up to there */
 
 struct node_id {
     uint32_t tile, replicate, level;
     uint64_t index;
 };
 
-enum nonfinite_cause { NONFINITE_NAN = 0, NONFINITE_INF = 1, NONFINITE_NEGATIVE = 2, NONFINITE_CAUSES };
+enum nonfinite_cause {
+    NONFINITE_NAN = 0,
+    NONFINITE_INF = 1,
+    NONFINITE_NEGATIVE = 2,
+    NONFINITE_CAUSES
+};
 
 /* What a node counts besides its sums. All of it is a function of the leaves, like the sums. */
 struct node_stats {
-    uint64_t samples;                    /* camera paths, over all pixels */
-    uint64_t rays_closest, rays_shadow;  /* handed to Embree */
-    uint64_t events;                     /* scattering events */
+    uint64_t samples;                     /* camera paths, over all pixels */
+    uint64_t rays_closest, rays_shadow;   /* handed to Embree */
+    uint64_t events;                      /* scattering events */
     uint64_t nonfinite[NONFINITE_CAUSES]; /* samples left out of the sum, by cause */
-    uint64_t truncated_paths;            /* ended by the depth limit or the safety cap */
-    double truncated_energy;             /* sum of the luminance of their throughputs */
-    float largest;                       /* luminance of the largest single sample in it */
+    uint64_t truncated_paths;             /* ended by the depth limit or the safety cap */
+    double truncated_energy;              /* sum of the luminance of their throughputs */
+    float largest;                        /* luminance of the largest single sample in it */
 };
 
 /*
@@ -56,7 +61,8 @@ struct node_sums {
     float *values;
 };
 
-/* Allocated in one piece with its values, zeroed; NULL when memory runs out; free with node_sums_free. */
+/* Allocated in one piece with its values, zeroed; NULL when memory runs out; free with
+ * node_sums_free. */
 struct node_sums *node_sums_new(uint32_t pixel_count, uint32_t channel_count);
 void node_sums_free(struct node_sums *sums);
 size_t node_sums_size(uint32_t pixel_count, uint32_t channel_count); /* bytes of that piece */
@@ -91,7 +97,8 @@ enum fold_result {
     FOLD_FOREIGN,   /* not below the target; the caller keeps the sums */
     FOLD_NO_MEMORY  /* the caller keeps the sums */
 };
-enum fold_result fold_add(struct fold *fold, uint32_t level, uint64_t index, struct node_sums *sums);
+enum fold_result fold_add(struct fold *fold, uint32_t level, uint64_t index,
+                          struct node_sums *sums);
 /* What fold_add would say: ADDED, DUPLICATE or FOREIGN. */
 enum fold_result fold_check(const struct fold *fold, uint32_t level, uint64_t index);
 

@@ -21,11 +21,11 @@
 
 /* What one of the two measures, MSE or relMSE, adds up. */
 struct measure {
-    double sum;             /* squared errors, over pixels and channels */
-    double unknown_sum;     /* the part of unknown tiles */
-    double squares;         /* of the pixels' squared errors */
-    double trace2;          /* tr(C^2) over the blocks */
-    double trace2_squares;  /* of each block's, squared */
+    double sum;            /* squared errors, over pixels and channels */
+    double unknown_sum;    /* the part of unknown tiles */
+    double squares;        /* of the pixels' squared errors */
+    double trace2;         /* tr(C^2) over the blocks */
+    double trace2_squares; /* of each block's, squared */
 };
 
 struct estimate {
@@ -53,7 +53,7 @@ struct work {
     double *mean, *s2;     /* over replicates, one channel */
     double *area[WINDOWS]; /* pixels in the window */
     double *s2_box[WINDOWS];
-    double *box[WINDOWS]; /* [k]: window sums of the means */
+    double *box[WINDOWS];             /* [k]: window sums of the means */
     struct denominator chosen, alone; /* over each pixel's window; of the pixel itself */
     double *weight[3];                /* per channel: the mean 1 / (r^2 + epsilon) */
     double *absolute, *relative;      /* squared errors, over channels */
@@ -125,7 +125,8 @@ bool estimate_begin(struct estimate *estimate, uint32_t replicates)
             return false;
         capacity = replicates;
     }
-    *estimate = (struct estimate){ .capacity = capacity, .scratch = scratch,
+    *estimate = (struct estimate){ .capacity = capacity,
+                                   .scratch = scratch,
                                    .replicates = replicates };
     return true;
 }
@@ -331,8 +332,7 @@ static void add_pairs(const struct tile_means *tile, const double *means, size_t
     } else {
         for (uint32_t i = 0; i < k; i++)
             for (uint32_t step = 1; step <= 2; step++)
-                add_pair(tile, means, stride, i, (i + step) % k, share, windows, work,
-                         weight);
+                add_pair(tile, means, stride, i, (i + step) % k, share, windows, work, weight);
     }
     for (uint32_t p = 0; p < pixels; p++)
         weight[p] /= pairs;
@@ -410,8 +410,8 @@ static double luminance_error(const struct tile_means *tile, struct work *work)
     for (uint32_t k = 0; k < tile->replicates; k++) {
         const double *rgb = tile->means + k * stride;
         for (uint32_t p = 0; p < pixels; p++)
-            luminance[(size_t)k * pixels + p] =
-                0.2126 * rgb[p] + 0.7152 * rgb[pixels + p] + 0.0722 * rgb[2 * pixels + p];
+            luminance[(size_t)k * pixels + p] = 0.2126 * rgb[p] + 0.7152 * rgb[pixels + p] +
+                                                0.0722 * rgb[2 * pixels + p];
     }
     variance_of_means(luminance, pixels, tile->replicates, pixels, work->mean, work->s2);
     return sum_of(work->s2, pixels) / tile->replicates;
@@ -596,7 +596,8 @@ struct accuracy estimate_result(const struct estimate *estimate)
     out.rmse95 = (struct interval){ sqrt(out.mse95.low), sqrt(out.mse95.high) };
 
     double bias = (fabs(estimate->relmse.sum - estimate->relmse_alone) +
-                   fabs(estimate->relmse.sum - estimate->relmse_plain)) / values;
+                   fabs(estimate->relmse.sum - estimate->relmse_plain)) /
+                  values;
     factors = factors95(&estimate->relmse, estimate->replicates);
     out.relmse95.low = out.relmse * factors.low - bias;
     if (out.relmse95.low < 0)
@@ -608,8 +609,8 @@ struct accuracy estimate_result(const struct estimate *estimate)
 const char *estimate_verdict_text(enum accuracy_verdict verdict)
 {
     switch (verdict) {
-#define X(name, text)       \
-    case ACCURACY_##name:   \
+#define X(name, text)     \
+    case ACCURACY_##name: \
         return text;
         ACCURACY_MAP(X)
 #undef X

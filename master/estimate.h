@@ -55,13 +55,13 @@ struct tile_means {
     double largest;         /* luminance of the largest of them */
 };
 
-#define ACCURACY_MAP(X) /* why an error is unknown */                                \
-    X(KNOWN, "known")                                                                \
-    X(NO_REPLICATES, "fewer than two replicates")                                    \
-    X(TWO_REPLICATES, "two replicates say too little about so much noise")           \
-    X(NONFINITE, "non-finite samples were left out")                                 \
-    X(BLACK, "nothing but black was seen")                                           \
-    X(FEW_SAMPLES, "a few samples hold the sum")                                     \
+#define ACCURACY_MAP(X) /* why an error is unknown */                      \
+    X(KNOWN, "known")                                                      \
+    X(NO_REPLICATES, "fewer than two replicates")                          \
+    X(TWO_REPLICATES, "two replicates say too little about so much noise") \
+    X(NONFINITE, "non-finite samples were left out")                       \
+    X(BLACK, "nothing but black was seen")                                 \
+    X(FEW_SAMPLES, "a few samples hold the sum")                           \
     X(FEW_PIXELS, "a few pixels hold the error")
 
 enum accuracy_verdict {
@@ -79,8 +79,8 @@ struct accuracy {
     uint32_t replicates;           /* the fewest of any tile */
     double mse, rmse, relmse;
     struct interval mse95, rmse95, relmse95; /* 95 %; [0, inf] with fewer than two replicates */
-    double effective_values; /* n above, for relMSE */
-    double unknown_share;    /* of the pixels: in unknown tiles, or failed */
+    double effective_values;                 /* n above, for relMSE */
+    double unknown_share;                    /* of the pixels: in unknown tiles, or failed */
 };
 
 /* Caller owns it; NULL when memory runs out. estimate_free(NULL) does nothing. */

@@ -308,8 +308,10 @@ static struct tile_means read_tile(const struct film *film, uint32_t tile, struc
 {
     const struct tile_rect *rect = &film->rects[tile];
     uint32_t pixels = pixels_of(rect);
-    struct tile_means out = { .width = rect->width, .height = rect->height,
-                              .means = reading->means, .failed = reading->failed };
+    struct tile_means out = { .width = rect->width,
+                              .height = rect->height,
+                              .means = reading->means,
+                              .failed = reading->failed };
     memset(reading->failed, 0, sizeof(reading->failed));
 
     for (uint32_t k = 0; k < film->replicates; k++) {

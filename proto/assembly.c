@@ -20,20 +20,20 @@
 struct part {
     struct digest digest;
     uint64_t size, slice_count;
-    struct digest *slices;  /* what each must hash to; NULL until slice 0 came */
-    uint8_t *have;          /* one per slice */
+    struct digest *slices;   /* what each must hash to; NULL until slice 0 came */
+    uint8_t *have;           /* one per slice */
     uint64_t asked, arrived; /* slices asked for: [0, asked) */
-    void *memory;           /* mapped by us, size + END_PADDING; NULL when cached or empty */
+    void *memory;            /* mapped by us, size + END_PADDING; NULL when cached or empty */
     struct cache_object cached;
     bool complete;
-    bool twin;              /* shares its content with an earlier part */
+    bool twin; /* shares its content with an earlier part */
 };
 
 enum {
 #define X(member, count_member, type, per_count) PART_##member,
     SCENE_ARRAYS(X)
 #undef X
-    PART_COUNT
+        PART_COUNT
 };
 
 struct assembly {
@@ -192,18 +192,17 @@ static bool take_slice(struct part *part, const Pathfarm__ObjectSlice *message, 
     uint64_t slice = message->slice;
     if (slice >= part->asked || slice >= part->slice_count)
         return err_set(err, ERR_MESSAGE, "it was not asked for");
-    if (message->slice_total != part->slice_count
-        || size != digest_slice_size(part->size, slice))
+    if (message->slice_total != part->slice_count || size != digest_slice_size(part->size, slice))
         return err_set(err, ERR_MESSAGE, "%zu bytes, of %llu slices, are not its size", size,
                        (unsigned long long)message->slice_total);
     struct digest digest = digest_of(data, size);
-    if (message->checksum.len != DIGEST_SIZE
-        || memcmp(message->checksum.data, digest.bytes, DIGEST_SIZE) != 0)
+    if (message->checksum.len != DIGEST_SIZE ||
+        memcmp(message->checksum.data, digest.bytes, DIGEST_SIZE) != 0)
         return err_set(err, ERR_DIGEST, "its bytes do not match their checksum");
     if (part->slices == NULL) {
         /* The first bytes must be right before memory is taken for the rest */
-        if (message->slice == 0 && message->slice_digests.len >= DIGEST_SIZE
-            && memcmp(message->slice_digests.data, digest.bytes, DIGEST_SIZE) != 0)
+        if (message->slice == 0 && message->slice_digests.len >= DIGEST_SIZE &&
+            memcmp(message->slice_digests.data, digest.bytes, DIGEST_SIZE) != 0)
             return err_set(err, ERR_DIGEST, "its bytes are not those of the list");
         if (!begin_part(part, message, err))
             return false;
@@ -224,7 +223,8 @@ bool assembly_slice(struct assembly *assembly, const Pathfarm__ObjectSlice *mess
 {
     struct digest digest;
     struct part *part = digest_from_bytes(&digest, message->digest.data, message->digest.len)
-                            ? find_part(assembly, &digest) : NULL;
+                            ? find_part(assembly, &digest)
+                            : NULL;
     if (part == NULL)
         return err_set(err, ERR_MESSAGE, "a slice of an object that was not asked for");
     assembly->anything_came = true;
@@ -252,11 +252,11 @@ const struct scene *assembly_scene(struct assembly *assembly)
 {
     assert(assembly_complete(assembly));
     /* Twins may share memory: nothing ever writes to a finished scene */
-#define X(member, count_member, type, per_count)                                        \
-    {                                                                                   \
+#define X(member, count_member, type, per_count)                                               \
+    {                                                                                          \
         const struct part *part = find_part(assembly, &assembly->parts[PART_##member].digest); \
-        const void *data = part->memory != NULL ? part->memory : part->cached.data;     \
-        assembly->scene.member = (type *)(data != NULL ? data : nothing);               \
+        const void *data = part->memory != NULL ? part->memory : part->cached.data;            \
+        assembly->scene.member = (type *)(data != NULL ? data : nothing);                      \
     }
     SCENE_ARRAYS(X)
 #undef X
@@ -284,8 +284,8 @@ bool assembly_store(const struct assembly *assembly, struct cache *cache, struct
         return true;
     for (int i = 0; i < PART_COUNT; i++) {
         const struct part *part = &assembly->parts[i];
-        if (part->complete && part->memory != NULL
-            && !cache_put(cache, &part->digest, part->memory, part->size, err))
+        if (part->complete && part->memory != NULL &&
+            !cache_put(cache, &part->digest, part->memory, part->size, err))
             return false;
     }
     return true;

@@ -20,7 +20,7 @@ enum {
 #define X(member, count_member, type, per_count) ARRAY_##member,
     SCENE_ARRAYS(X)
 #undef X
-    ARRAY_COUNT
+        ARRAY_COUNT
 };
 
 static const struct {
@@ -105,8 +105,8 @@ struct bundle *bundle_from_scene(const struct scene *scene, const struct job_spe
     }
     bundle->settings = scene->settings;
     bundle->spec = *spec;
-#define X(member, count_member, type, per_count)                     \
-    bundle->arrays[ARRAY_##member].data = scene->member;             \
+#define X(member, count_member, type, per_count)         \
+    bundle->arrays[ARRAY_##member].data = scene->member; \
     bundle->arrays[ARRAY_##member].count = scene->count_member;
     SCENE_ARRAYS(X)
 #undef X
@@ -202,8 +202,8 @@ static bool check_object(const Pathfarm__Object *object, int i, struct err *err)
     if (object->digest.len != DIGEST_SIZE)
         return err_set(err, ERR_MESSAGE, "the digest of \"%s\" has %zu bytes", object->name,
                        object->digest.len);
-    if (object->count > UINT32_MAX
-        || object->size_bytes != object->count * array_types[i].element_size)
+    if (object->count > UINT32_MAX ||
+        object->size_bytes != object->count * array_types[i].element_size)
         return err_set(err, ERR_MESSAGE, "\"%s\": %llu elements do not take %llu bytes",
                        object->name, (unsigned long long)object->count,
                        (unsigned long long)object->size_bytes);
@@ -230,8 +230,8 @@ bool bundle_check_job(const Pathfarm__Job *job, uint64_t quota_bytes, struct err
                 (unsigned long long)total, (unsigned long long)quota_bytes);
         goto fail;
     }
-    if (job->settings.len != sizeof(struct scene_settings)
-        || job->spec.len != sizeof(struct job_spec)) {
+    if (job->settings.len != sizeof(struct scene_settings) ||
+        job->spec.len != sizeof(struct job_spec)) {
         err_set(err, ERR_MESSAGE, "settings of %zu and a spec of %zu bytes, not %zu and %zu",
                 job->settings.len, job->spec.len, sizeof(struct scene_settings),
                 sizeof(struct job_spec));
@@ -239,8 +239,8 @@ bool bundle_check_job(const Pathfarm__Job *job, uint64_t quota_bytes, struct err
     }
     struct digest digest = bundle_digest_job(job);
     struct digest claimed;
-    if (!digest_from_bytes(&claimed, job->digest.data, job->digest.len)
-        || !digest_equal(&claimed, &digest)) {
+    if (!digest_from_bytes(&claimed, job->digest.data, job->digest.len) ||
+        !digest_equal(&claimed, &digest)) {
         err_set(err, ERR_DIGEST, "its digest is not that of its content");
         goto fail;
     }

@@ -34,7 +34,7 @@ void bundle_free(struct bundle *bundle); /* NULL is fine */
 
 const struct digest *bundle_job_digest(const struct bundle *bundle);
 const struct digest *bundle_scene_digest(const struct bundle *bundle); /* without the spec */
-uint64_t bundle_size(const struct bundle *bundle); /* bytes of all objects */
+uint64_t bundle_size(const struct bundle *bundle);                     /* bytes of all objects */
 
 /* Set digest, objects, settings and spec of `job`; they point into the bundle. The caller adds
  * job_id, profile and title. */

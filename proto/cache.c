@@ -112,8 +112,8 @@ bool cache_get(struct cache *cache, const struct digest *digest, uint64_t size,
     int fd = openat(cache->dir_fd, name, O_RDONLY | O_NOFOLLOW | O_NONBLOCK | O_CLOEXEC);
     if (fd < 0 && errno != ELOOP)
         return false;
-    if (fd >= 0 && fstat(fd, &stat) == 0 && S_ISREG(stat.st_mode)
-        && (uint64_t)stat.st_size == size + END_PADDING) {
+    if (fd >= 0 && fstat(fd, &stat) == 0 && S_ISREG(stat.st_mode) &&
+        (uint64_t)stat.st_size == size + END_PADDING) {
         content = mmap(NULL, size + END_PADDING, PROT_READ, MAP_PRIVATE, fd, 0);
         if (content == MAP_FAILED) { /* our trouble, not the file's */
             close(fd);
@@ -170,8 +170,8 @@ static bool list_entries(const struct cache *cache, struct entry_list *list)
     while (listed && (item = readdir(dir)) != NULL) {
         struct digest digest;
         struct stat stat;
-        if (!digest_from_hex(&digest, item->d_name)
-            || fstatat(cache->dir_fd, item->d_name, &stat, AT_SYMLINK_NOFOLLOW) != 0)
+        if (!digest_from_hex(&digest, item->d_name) ||
+            fstatat(cache->dir_fd, item->d_name, &stat, AT_SYMLINK_NOFOLLOW) != 0)
             continue;
         if (list->count == list->capacity) {
             size_t capacity = 2 * list->capacity + 64;
@@ -267,12 +267,12 @@ static bool write_object(struct cache *cache, const char *name, const void *data
                          struct err *err)
 {
     unlinkat(cache->dir_fd, DRAFT_NAME, 0); /* of a process that died */
-    int fd = openat(cache->dir_fd, DRAFT_NAME,
-                    O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC, 0600);
+    int fd = openat(cache->dir_fd, DRAFT_NAME, O_WRONLY | O_CREAT | O_EXCL | O_NOFOLLOW | O_CLOEXEC,
+                    0600);
     if (fd < 0)
         return io_failed(cache, "writing", err);
-    bool written = write_all(fd, data, size) && write_all(fd, padding, END_PADDING)
-                   && fsync(fd) == 0;
+    bool written = write_all(fd, data, size) && write_all(fd, padding, END_PADDING) &&
+                   fsync(fd) == 0;
     if (!written)
         io_failed(cache, "writing", err);
     close(fd);
@@ -289,8 +289,8 @@ static bool write_object(struct cache *cache, const char *name, const void *data
 static bool exists(const struct cache *cache, const char *name, uint64_t size)
 {
     struct stat stat;
-    return fstatat(cache->dir_fd, name, &stat, AT_SYMLINK_NOFOLLOW) == 0 && S_ISREG(stat.st_mode)
-           && (uint64_t)stat.st_size == size + END_PADDING;
+    return fstatat(cache->dir_fd, name, &stat, AT_SYMLINK_NOFOLLOW) == 0 && S_ISREG(stat.st_mode) &&
+           (uint64_t)stat.st_size == size + END_PADDING;
 }
 
 bool cache_put(struct cache *cache, const struct digest *digest, const void *data, uint64_t size,
@@ -304,9 +304,8 @@ bool cache_put(struct cache *cache, const struct digest *digest, const void *dat
                        (unsigned long long)cache->quota_bytes);
     if (!lock(cache, err))
         return false;
-    bool kept = exists(cache, name, size)
-                || (make_room(cache, size + END_PADDING, err)
-                    && write_object(cache, name, data, size, err));
+    bool kept = exists(cache, name, size) || (make_room(cache, size + END_PADDING, err) &&
+                                              write_object(cache, name, data, size, err));
     unlock(cache);
     return kept;
 }

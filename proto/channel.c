@@ -16,13 +16,13 @@
 #define KEEPALIVE_S     30
 #define ADDRESSES_MAX   8
 #define BACKLOG         512
-#define GRACE_MS        500     /* see on_stage_timer() */
+#define GRACE_MS        500 /* see on_stage_timer() */
 #define ACCEPT_AGAIN_MS 100
-#define BATCH_SMALL     4096    /* text of a batch for one short message */
+#define BATCH_SMALL     4096 /* text of a batch for one short message */
 #define BATCH_LARGE     65536
 #define BATCH_PIECES    64
 #define BATCH_RELEASES  32
-#define REFERENCE_MIN   4096    /* smaller bulks are copied: a piece of its own costs more */
+#define REFERENCE_MIN   4096 /* smaller bulks are copied: a piece of its own costs more */
 
 /*
  * Output that goes to the kernel in one write. Pieces point into `text` (heads, copies,
@@ -129,9 +129,8 @@ static bool is_loopback(const struct sockaddr *address)
 
 static unsigned address_port(const struct sockaddr *address)
 {
-    return ntohs(address->sa_family == AF_INET6
-                     ? ((const struct sockaddr_in6 *)address)->sin6_port
-                     : ((const struct sockaddr_in *)address)->sin_port);
+    return ntohs(address->sa_family == AF_INET6 ? ((const struct sockaddr_in6 *)address)->sin6_port
+                                                : ((const struct sockaddr_in *)address)->sin_port);
 }
 
 static void address_text(const struct sockaddr *address, char *text, size_t size)
@@ -148,8 +147,8 @@ static void address_text(const struct sockaddr *address, char *text, size_t size
 /* False when host is not an address but a name */
 static bool address_of(const char *host, unsigned port, struct sockaddr_storage *address)
 {
-    return uv_ip4_addr(host, (int)port, (struct sockaddr_in *)address) == 0
-           || uv_ip6_addr(host, (int)port, (struct sockaddr_in6 *)address) == 0;
+    return uv_ip4_addr(host, (int)port, (struct sockaddr_in *)address) == 0 ||
+           uv_ip6_addr(host, (int)port, (struct sockaddr_in6 *)address) == 0;
 }
 
 bool channel_parse_address(const char *text, char *host, size_t size, unsigned *port,
@@ -366,8 +365,8 @@ static void on_written(uv_write_t *request, int status)
         fail_uv(channel, "sending", status);
         return;
     }
-    if (channel->state == OPEN && channel->drain_wanted
-        && channel->queued < channel->limits.queue_bytes / 2) {
+    if (channel->state == OPEN && channel->drain_wanted &&
+        channel->queued < channel->limits.queue_bytes / 2) {
         channel->drain_wanted = false;
         if (channel->events != NULL && channel->events->on_drain != NULL)
             channel->events->on_drain(channel->owner, channel);
@@ -404,8 +403,9 @@ static void on_turn(uv_prepare_t *prepare)
 static struct batch *batch_with_room(struct channel *channel, size_t text_wanted)
 {
     struct batch *batch = channel->batch;
-    if (batch != NULL && batch->piece_count < BATCH_PIECES && batch->release_count < BATCH_RELEASES
-        && (text_wanted == 0 || batch->text_used < batch->text_capacity))
+    if (batch != NULL && batch->piece_count < BATCH_PIECES &&
+        batch->release_count < BATCH_RELEASES &&
+        (text_wanted == 0 || batch->text_used < batch->text_capacity))
         return batch;
 
     bool small = channel->staged == NULL && text_wanted <= BATCH_SMALL;
@@ -489,8 +489,8 @@ static bool put_frame(struct channel *channel, const uint8_t *head, size_t head_
 {
     if (channel->tls != NULL) {
         struct err reason = { 0 };
-        if (channel_tls_write(channel->tls, head, head_size, &reason)
-            && channel_tls_write(channel->tls, bulk->data, bulk->size, &reason)) {
+        if (channel_tls_write(channel->tls, head, head_size, &reason) &&
+            channel_tls_write(channel->tls, bulk->data, bulk->size, &reason)) {
             if (bulk->release != NULL)
                 bulk->release(bulk->context);
             return true;
@@ -539,8 +539,8 @@ bool channel_send(struct channel *channel, const ProtobufCMessage *message,
         head = malloc(head_size);
     if (head == NULL)
         return err_set(err, ERR_MEMORY, "no memory for a message of %zu bytes", head_size);
-    bool sent = frame_head(message, bulk->size, head, err)
-                && put_frame(channel, head, head_size, bulk, err);
+    bool sent = frame_head(message, bulk->size, head, err) &&
+                put_frame(channel, head, head_size, bulk, err);
     if (head != small)
         free(head);
     if (channel->queued > channel->limits.queue_bytes / 2)
@@ -626,7 +626,8 @@ static void on_end_of_input(struct channel *channel)
     }
     const char *inside = frame_parser_inside(&channel->parser);
     const char *how = channel->tls != NULL && !channel_tls_ended(channel->tls)
-                          ? "the connection was cut" : "the peer closed the connection";
+                          ? "the connection was cut"
+                          : "the peer closed the connection";
     if (channel->state == HANDSHAKE)
         err_set(&channel->err, ERR_PEER, "the peer left during the TLS handshake");
     else if (inside != NULL)
@@ -788,8 +789,8 @@ static struct channel *channel_new(uv_loop_t *loop, const struct channel_options
     if (channel == NULL)
         return NULL;
     if (options->keys != NULL) {
-        channel->tls =
-            channel_tls_new(options->keys, accepting, options->peers, &tls_sink, channel);
+        channel->tls = channel_tls_new(options->keys, accepting, options->peers, &tls_sink,
+                                       channel);
         if (channel->tls == NULL)
             goto fail;
     }
@@ -869,8 +870,7 @@ static void connect_first(struct channel *channel)
 {
     unsigned kept = 0;
     for (unsigned i = 0; i < channel->address_count; i++)
-        if (channel->tls != NULL
-            || is_loopback((const struct sockaddr *)&channel->addresses[i]))
+        if (channel->tls != NULL || is_loopback((const struct sockaddr *)&channel->addresses[i]))
             channel->addresses[kept++] = channel->addresses[i];
     channel->address_count = kept;
     if (kept > 0) {
@@ -879,7 +879,8 @@ static void connect_first(struct channel *channel)
     }
     err_set(&channel->err, ERR_AUTH,
             "%s is not on this host, and without keys (pathfarm keygen) only loopback is "
-            "connected to", channel->peer);
+            "connected to",
+            channel->peer);
     finish(channel);
 }
 
@@ -888,8 +889,8 @@ static void on_resolved(uv_getaddrinfo_t *request, int status, struct addrinfo *
     struct channel *channel = request->data;
     if (channel->state != ENDED) {
         for (struct addrinfo *info = list; info != NULL && status == 0; info = info->ai_next) {
-            if (channel->address_count == ADDRESSES_MAX
-                || (info->ai_family != AF_INET && info->ai_family != AF_INET6))
+            if (channel->address_count == ADDRESSES_MAX ||
+                (info->ai_family != AF_INET && info->ai_family != AF_INET6))
                 continue;
             struct sockaddr_storage *address = &channel->addresses[channel->address_count++];
             memcpy(address, info->ai_addr, info->ai_addrlen);
@@ -914,8 +915,8 @@ struct channel *channel_connect(uv_loop_t *loop, const char *host, unsigned port
                                 const struct channel_options *options,
                                 const struct channel_events *events, void *owner, struct err *err)
 {
-    if (port == 0 || port > 65535 || host[0] == '\0'
-        || strlen(host) >= sizeof(((struct channel *)0)->host)) {
+    if (port == 0 || port > 65535 || host[0] == '\0' ||
+        strlen(host) >= sizeof(((struct channel *)0)->host)) {
         err_set(err, ERR_ARGUMENT, "\"%s\" port %u is nothing to connect to", host, port);
         return NULL;
     }
@@ -1011,8 +1012,10 @@ struct channel_listener *channel_listen(uv_loop_t *loop, const char *host, unsig
         return NULL;
     }
     if (options->keys == NULL && !is_loopback((const struct sockaddr *)&address)) {
-        err_set(err, ERR_AUTH, "listening on %s needs keys (pathfarm keygen): without them only "
-                "loopback is allowed", host);
+        err_set(err, ERR_AUTH,
+                "listening on %s needs keys (pathfarm keygen): without them only "
+                "loopback is allowed",
+                host);
         return NULL;
     }
     struct channel_listener *listener = calloc(1, sizeof(*listener));

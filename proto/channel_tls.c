@@ -71,9 +71,9 @@ static void make_bio_method(void)
     BIO_METHOD *method = BIO_meth_new(BIO_get_new_index() | BIO_TYPE_SOURCE_SINK, "channel");
     if (method == NULL)
         return;
-    if (BIO_meth_set_read_ex(method, bio_read) == 1 && BIO_meth_set_write_ex(method, bio_write) == 1
-        && BIO_meth_set_ctrl(method, bio_control) == 1
-        && BIO_meth_set_create(method, bio_create) == 1)
+    if (BIO_meth_set_read_ex(method, bio_read) == 1 &&
+        BIO_meth_set_write_ex(method, bio_write) == 1 &&
+        BIO_meth_set_ctrl(method, bio_control) == 1 && BIO_meth_set_create(method, bio_create) == 1)
         bio_method = method;
     else
         BIO_meth_free(method);
@@ -114,8 +114,8 @@ void channel_tls_free(struct channel_tls *tls)
 static bool failed(struct channel_tls *tls, int result, struct err *err)
 {
     int kind = SSL_get_error(tls->ssl, result);
-    if (kind == SSL_ERROR_NONE || kind == SSL_ERROR_WANT_READ || kind == SSL_ERROR_WANT_WRITE
-        || kind == SSL_ERROR_ZERO_RETURN)
+    if (kind == SSL_ERROR_NONE || kind == SSL_ERROR_WANT_READ || kind == SSL_ERROR_WANT_WRITE ||
+        kind == SSL_ERROR_ZERO_RETURN)
         return false;
     const char *refusal = keys_session_refusal(tls->ssl);
     const char *reason = ERR_reason_error_string(ERR_peek_last_error());

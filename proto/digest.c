@@ -3,8 +3,8 @@
 #include "proto/limits.h"
 
 #include <openssl/evp.h>
-#include <stdlib.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 static void need(bool done)

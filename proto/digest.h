@@ -15,9 +15,9 @@
 #include <stddef.h>
 #include <stdint.h>
 
-#define DIGEST_SIZE      32
-#define DIGEST_HEX_SIZE  65 /* with the zero byte */
-#define CHECKSUM_SIZE    16 /* what a frame's payload carries of the digest of its bulk */
+#define DIGEST_SIZE     32
+#define DIGEST_HEX_SIZE 65 /* with the zero byte */
+#define CHECKSUM_SIZE   16 /* what a frame's payload carries of the digest of its bulk */
 
 struct digest {
     uint8_t bytes[DIGEST_SIZE];

@@ -18,12 +18,12 @@ struct frame_rule {
 };
 
 static const struct frame_rule rules[] = {
-#define X(kind, type, phase_bits, sender_bits, payload_cap, bulk_cap)     \
-    [PATHFARM__KIND__KIND_##kind] = { .name = #kind,                      \
+#define X(kind, type, phase_bits, sender_bits, payload_cap, bulk_cap)             \
+    [PATHFARM__KIND__KIND_##kind] = { .name = #kind,                              \
                                       .message = &pathfarm__##type##__descriptor, \
-                                      .phases = (phase_bits),             \
-                                      .senders = (sender_bits),           \
-                                      .payload_max = (payload_cap),       \
+                                      .phases = (phase_bits),                     \
+                                      .senders = (sender_bits),                   \
+                                      .payload_max = (payload_cap),               \
                                       .bulk_max = (bulk_cap) },
     FRAME_MAP(X)
 #undef X
@@ -141,8 +141,8 @@ void *frame_message(const struct frame *frame, struct err *err)
 {
     const struct frame_rule *rule = rule_of(frame->kind);
     assert(rule != NULL);
-    ProtobufCMessage *message =
-        protobuf_c_message_unpack(rule->message, NULL, frame->payload_size, frame->payload);
+    ProtobufCMessage *message = protobuf_c_message_unpack(rule->message, NULL, frame->payload_size,
+                                                          frame->payload);
     if (message == NULL) {
         err_set(err, ERR_MESSAGE, "a %s that does not parse", rule->name);
         return NULL;
@@ -220,8 +220,8 @@ static bool judge_header(struct frame_parser *parser, struct err *err)
     header_lengths(header, &payload_size, &bulk_size);
     if (header[9] != 0 || header[10] != 0 || header[11] != 0)
         return err_set(err, ERR_MESSAGE, "these bytes are not a frame");
-    if (!frame_allowed(kind, parser->phase, parser->senders, err)
-        || !frame_sizes_allowed(kind, payload_size, bulk_size, err))
+    if (!frame_allowed(kind, parser->phase, parser->senders, err) ||
+        !frame_sizes_allowed(kind, payload_size, bulk_size, err))
         return false;
     parser->want = FRAME_HEADER_SIZE + payload_size + bulk_size;
     return true;

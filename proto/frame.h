@@ -34,21 +34,21 @@ enum frame_phase { PHASE_GREETING = 1, PHASE_WORKING = 2, PHASE_CLOSING = 4 };
 #define PHASES_OPEN (PHASE_GREETING | PHASE_WORKING)
 #define ROLES_BOTH  (ROLE_MASTER | ROLE_WORKER)
 
-#define FRAME_MAP(X) /* kind, message, phases, senders, payload cap, bulk cap */                   \
-    X(HELLO, hello, PHASE_GREETING, ROLE_WORKER, 4 * LIMIT_KIB, 0)                                 \
-    X(WELCOME, welcome, PHASE_GREETING, ROLE_MASTER, 4 * LIMIT_KIB, 0)                             \
-    X(REFUSED, refused, PHASES_OPEN, ROLES_BOTH, 4 * LIMIT_KIB, 0)                                 \
-    X(JOB, job, PHASE_WORKING, ROLE_MASTER, 64 * LIMIT_KIB, 0)                                     \
-    X(OBJECT_WANTED, object_wanted, PHASE_WORKING, ROLE_WORKER, LIMIT_KIB, 0)                      \
-    X(OBJECT_SLICE, object_slice, PHASE_WORKING, ROLE_MASTER, LIMIT_MIB, LIMIT_SLICE)              \
-    X(JOB_READY, job_ready, PHASE_WORKING, ROLE_WORKER, 4 * LIMIT_KIB, 0)                          \
-    X(LEASE, lease, PHASE_WORKING, ROLE_MASTER, 256 * LIMIT_KIB, 0)                                \
-    X(RESULT, result, PHASE_WORKING, ROLE_WORKER, 4 * LIMIT_KIB, LIMIT_NODE_BULK)                  \
-    X(PROGRESS, progress, PHASE_WORKING, ROLE_WORKER, 64 * LIMIT_KIB, 0)                           \
-    X(REVOKE, revoke, PHASE_WORKING, ROLE_MASTER, 256 * LIMIT_KIB, 0)                              \
-    X(ACCEPTED, accepted, PHASE_WORKING, ROLE_MASTER, LIMIT_KIB, 0)                                \
-    X(NODE_FAILED, node_failed, PHASE_WORKING, ROLE_WORKER, 4 * LIMIT_KIB, 0)                      \
-    X(JOB_DONE, job_done, PHASE_WORKING, ROLE_MASTER, LIMIT_KIB, 0)                                \
+#define FRAME_MAP(X) /* kind, message, phases, senders, payload cap, bulk cap */      \
+    X(HELLO, hello, PHASE_GREETING, ROLE_WORKER, 4 * LIMIT_KIB, 0)                    \
+    X(WELCOME, welcome, PHASE_GREETING, ROLE_MASTER, 4 * LIMIT_KIB, 0)                \
+    X(REFUSED, refused, PHASES_OPEN, ROLES_BOTH, 4 * LIMIT_KIB, 0)                    \
+    X(JOB, job, PHASE_WORKING, ROLE_MASTER, 64 * LIMIT_KIB, 0)                        \
+    X(OBJECT_WANTED, object_wanted, PHASE_WORKING, ROLE_WORKER, LIMIT_KIB, 0)         \
+    X(OBJECT_SLICE, object_slice, PHASE_WORKING, ROLE_MASTER, LIMIT_MIB, LIMIT_SLICE) \
+    X(JOB_READY, job_ready, PHASE_WORKING, ROLE_WORKER, 4 * LIMIT_KIB, 0)             \
+    X(LEASE, lease, PHASE_WORKING, ROLE_MASTER, 256 * LIMIT_KIB, 0)                   \
+    X(RESULT, result, PHASE_WORKING, ROLE_WORKER, 4 * LIMIT_KIB, LIMIT_NODE_BULK)     \
+    X(PROGRESS, progress, PHASE_WORKING, ROLE_WORKER, 64 * LIMIT_KIB, 0)              \
+    X(REVOKE, revoke, PHASE_WORKING, ROLE_MASTER, 256 * LIMIT_KIB, 0)                 \
+    X(ACCEPTED, accepted, PHASE_WORKING, ROLE_MASTER, LIMIT_KIB, 0)                   \
+    X(NODE_FAILED, node_failed, PHASE_WORKING, ROLE_WORKER, 4 * LIMIT_KIB, 0)         \
+    X(JOB_DONE, job_done, PHASE_WORKING, ROLE_MASTER, LIMIT_KIB, 0)                   \
     X(GOODBYE, goodbye, PHASES_OPEN, ROLES_BOTH, 4 * LIMIT_KIB, 0)
 
 /* One received frame; its memory is lent for the length of the callback. */
@@ -88,12 +88,12 @@ bool frame_head(const ProtobufCMessage *message, size_t bulk_size, uint8_t *head
 
 struct frame_parser {
     enum frame_phase phase;
-    unsigned senders;   /* what the peer may be: bits of enum role */
+    unsigned senders; /* what the peer may be: bits of enum role */
     /* private */
     uint8_t header[FRAME_HEADER_SIZE];
-    uint8_t *buffer;    /* payload and bulk of the frame being collected */
+    uint8_t *buffer; /* payload and bulk of the frame being collected */
     size_t buffer_capacity;
-    size_t have, want;  /* bytes of the frame, header included; want is 0 before its header came */
+    size_t have, want; /* bytes of the frame, header included; want is 0 before its header came */
 };
 
 /* False, with err set, ends the connection. It may set parser->phase. */

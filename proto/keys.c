@@ -18,11 +18,11 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define ROLE_URI       "pathfarm:role:"
-#define FILE_SIZE_MAX  65536
-#define PINS_MAX       100000
-#define VALID_DAYS     3650
-#define SKEW_SECONDS   (24 * 60 * 60) /* clocks on a farm differ; a key must work at once */
+#define ROLE_URI      "pathfarm:role:"
+#define FILE_SIZE_MAX 65536
+#define PINS_MAX      100000
+#define VALID_DAYS    3650
+#define SKEW_SECONDS  (24 * 60 * 60) /* clocks on a farm differ; a key must work at once */
 
 static const enum role roles[] = { ROLE_MASTER, ROLE_WORKER, ROLE_USER };
 #define ROLE_COUNT (sizeof(roles) / sizeof(roles[0]))
@@ -98,8 +98,7 @@ static BIO *read_file(int dir_fd, const char *dir, const char *name, mode_t forb
     }
     size_t size = 0;
     ssize_t part;
-    while (size < sizeof(content)
-           && (part = read(fd, content + size, sizeof(content) - size)) > 0)
+    while (size < sizeof(content) && (part = read(fd, content + size, sizeof(content) - size)) > 0)
         size += (size_t)part;
     if (size == 0 || size == sizeof(content)) {
         err_set(err, ERR_AUTH, "%s/%s: not a key or certificate", dir, name);
@@ -168,8 +167,8 @@ static bool certificate_role(X509 *certificate, enum role *role)
             char expected[64];
             int length = snprintf(expected, sizeof(expected), ROLE_URI "%s",
                                   keys_role_name(roles[r]));
-            if (ASN1_STRING_length(uri) == length
-                && memcmp(ASN1_STRING_get0_data(uri), expected, (size_t)length) == 0)
+            if (ASN1_STRING_length(uri) == length &&
+                memcmp(ASN1_STRING_get0_data(uri), expected, (size_t)length) == 0)
                 found |= roles[r];
         }
     }
@@ -188,8 +187,7 @@ static bool certificate_expired(const X509 *certificate)
 static bool certificate_digest(const X509 *certificate, struct digest *digest)
 {
     unsigned size = 0;
-    return X509_digest(certificate, EVP_sha256(), digest->bytes, &size) == 1
-           && size == DIGEST_SIZE;
+    return X509_digest(certificate, EVP_sha256(), digest->bytes, &size) == 1 && size == DIGEST_SIZE;
 }
 
 /* Trust */
@@ -368,20 +366,19 @@ static SSL_CTX *make_context(void)
     SSL_CTX *context = SSL_CTX_new(TLS_method());
     if (context == NULL)
         return NULL;
-    SSL_CTX_set_options(context, SSL_OP_NO_TICKET | SSL_OP_NO_COMPRESSION
-                                     | SSL_OP_NO_RENEGOTIATION | SSL_OP_CIPHER_SERVER_PREFERENCE);
+    SSL_CTX_set_options(context, SSL_OP_NO_TICKET | SSL_OP_NO_COMPRESSION |
+                                     SSL_OP_NO_RENEGOTIATION | SSL_OP_CIPHER_SERVER_PREFERENCE);
     SSL_CTX_set_mode(context, SSL_MODE_RELEASE_BUFFERS);
     SSL_CTX_set_session_cache_mode(context, SSL_SESS_CACHE_OFF);
     SSL_CTX_set_max_cert_list(context, FILE_SIZE_MAX);
     SSL_CTX_set_verify(context, SSL_VERIFY_PEER | SSL_VERIFY_FAIL_IF_NO_PEER_CERT, NULL);
     SSL_CTX_set_cert_verify_callback(context, judge_peer, NULL);
-    if (SSL_CTX_set_min_proto_version(context, TLS1_3_VERSION) == 1
-        && SSL_CTX_set_max_proto_version(context, TLS1_3_VERSION) == 1
-        && SSL_CTX_set_num_tickets(context, 0) == 1
-        && SSL_CTX_set_max_early_data(context, 0) == 1
-        && SSL_CTX_set_recv_max_early_data(context, 0) == 1
-        && SSL_CTX_set_ciphersuites(context, "TLS_AES_128_GCM_SHA256:TLS_AES_256_GCM_SHA384:"
-                                             "TLS_CHACHA20_POLY1305_SHA256") == 1)
+    if (SSL_CTX_set_min_proto_version(context, TLS1_3_VERSION) == 1 &&
+        SSL_CTX_set_max_proto_version(context, TLS1_3_VERSION) == 1 &&
+        SSL_CTX_set_num_tickets(context, 0) == 1 && SSL_CTX_set_max_early_data(context, 0) == 1 &&
+        SSL_CTX_set_recv_max_early_data(context, 0) == 1 &&
+        SSL_CTX_set_ciphersuites(context, "TLS_AES_128_GCM_SHA256:TLS_AES_256_GCM_SHA384:"
+                                          "TLS_CHACHA20_POLY1305_SHA256") == 1)
         return context;
     SSL_CTX_free(context);
     return NULL;
@@ -406,12 +403,11 @@ static bool load_identity(struct keys *keys, int dir_fd, const char *dir, struct
     if (!certificate_role(certificate, &role) || role != keys->role)
         err_set(err, ERR_AUTH, "%s/%s: not the certificate of a %s", dir, name, role_name);
     else if (certificate_expired(certificate))
-        err_set(err, ERR_AUTH, "%s/%s: has expired; make new keys with pathfarm keygen", dir,
-                name);
+        err_set(err, ERR_AUTH, "%s/%s: has expired; make new keys with pathfarm keygen", dir, name);
     else if (X509_check_private_key(certificate, key) != 1)
         err_set(err, ERR_AUTH, "%s/%s: belongs to another key than %s.key", dir, name, role_name);
-    else if (SSL_CTX_use_certificate(keys->context, certificate) != 1
-             || SSL_CTX_use_PrivateKey(keys->context, key) != 1)
+    else if (SSL_CTX_use_certificate(keys->context, certificate) != 1 ||
+             SSL_CTX_use_PrivateKey(keys->context, key) != 1)
         err_set(err, ERR_AUTH, "%s/%s: cannot be used: %s", dir, name, openssl_reason());
     else
         loaded = true;
@@ -445,8 +441,8 @@ struct keys *keys_load(const char *dir, enum role role, struct err *err)
         err_set(err, ERR_AUTH, "TLS 1.3 is not available: %s", openssl_reason());
         goto fail;
     }
-    if (!safe_directory(dir_fd, dir, err) || !load_identity(keys, dir_fd, dir, err)
-        || !load_pins(keys, dir_fd, dir, err))
+    if (!safe_directory(dir_fd, dir, err) || !load_identity(keys, dir_fd, dir, err) ||
+        !load_pins(keys, dir_fd, dir, err))
         goto fail;
     close(dir_fd);
     return keys;
@@ -524,8 +520,8 @@ static bool set_serial(X509 *certificate)
         return false;
     bytes[0] &= 0x7f; /* positive */
     BIGNUM *number = BN_bin2bn(bytes, sizeof(bytes), NULL);
-    bool set = number != NULL
-               && BN_to_ASN1_INTEGER(number, X509_get_serialNumber(certificate)) != NULL;
+    bool set = number != NULL &&
+               BN_to_ASN1_INTEGER(number, X509_get_serialNumber(certificate)) != NULL;
     BN_free(number);
     return set;
 }
@@ -539,18 +535,17 @@ static X509 *make_certificate(EVP_PKEY *key, enum role role)
         return NULL;
     X509_NAME *name = X509_get_subject_name(certificate);
     const unsigned char *role_text = (const unsigned char *)keys_role_name(role);
-    if (X509_set_version(certificate, X509_VERSION_3) == 1 && set_serial(certificate)
-        && X509_gmtime_adj(X509_getm_notBefore(certificate), -SKEW_SECONDS) != NULL
-        && X509_time_adj_ex(X509_getm_notAfter(certificate), VALID_DAYS, 0, NULL) != NULL
-        && X509_NAME_add_entry_by_txt(name, "CN", MBSTRING_ASC, (const unsigned char *)"pathfarm",
-                                      -1, -1, 0) == 1
-        && X509_NAME_add_entry_by_txt(name, "OU", MBSTRING_ASC, role_text, -1, -1, 0) == 1
-        && X509_set_issuer_name(certificate, name) == 1
-        && X509_set_pubkey(certificate, key) == 1
-        && add_extension(certificate, NID_basic_constraints, "critical,CA:FALSE")
-        && add_extension(certificate, NID_key_usage, "critical,digitalSignature")
-        && add_extension(certificate, NID_subject_alt_name, uri)
-        && X509_sign(certificate, key, EVP_sha256()) > 0)
+    if (X509_set_version(certificate, X509_VERSION_3) == 1 && set_serial(certificate) &&
+        X509_gmtime_adj(X509_getm_notBefore(certificate), -SKEW_SECONDS) != NULL &&
+        X509_time_adj_ex(X509_getm_notAfter(certificate), VALID_DAYS, 0, NULL) != NULL &&
+        X509_NAME_add_entry_by_txt(name, "CN", MBSTRING_ASC, (const unsigned char *)"pathfarm", -1,
+                                   -1, 0) == 1 &&
+        X509_NAME_add_entry_by_txt(name, "OU", MBSTRING_ASC, role_text, -1, -1, 0) == 1 &&
+        X509_set_issuer_name(certificate, name) == 1 && X509_set_pubkey(certificate, key) == 1 &&
+        add_extension(certificate, NID_basic_constraints, "critical,CA:FALSE") &&
+        add_extension(certificate, NID_key_usage, "critical,digitalSignature") &&
+        add_extension(certificate, NID_subject_alt_name, uri) &&
+        X509_sign(certificate, key, EVP_sha256()) > 0)
         return certificate;
     X509_free(certificate);
     return NULL;
@@ -576,11 +571,11 @@ static bool draft_role(struct draft *key_draft, struct draft *certificate_draft,
     certificate_draft->mode = 0644;
     key_draft->content = BIO_new(BIO_s_secmem());
     certificate_draft->content = BIO_new(BIO_s_mem());
-    bool drafted = certificate != NULL && key_draft->content != NULL
-                   && certificate_draft->content != NULL
-                   && PEM_write_bio_PKCS8PrivateKey(key_draft->content, key, NULL, NULL, 0, NULL,
-                                                    NULL) == 1
-                   && PEM_write_bio_X509(certificate_draft->content, certificate) == 1;
+    bool drafted = certificate != NULL && key_draft->content != NULL &&
+                   certificate_draft->content != NULL &&
+                   PEM_write_bio_PKCS8PrivateKey(key_draft->content, key, NULL, NULL, 0, NULL,
+                                                 NULL) == 1 &&
+                   PEM_write_bio_X509(certificate_draft->content, certificate) == 1;
     if (!drafted)
         err_set(err, ERR_AUTH, "making a key: %s", openssl_reason());
     X509_free(certificate);
@@ -616,8 +611,8 @@ static bool publish(int dir_fd, const char *dir, const struct draft *draft, bool
     if (fd < 0)
         goto fail_open;
     /* fchmod: the umask must not decide */
-    bool written = fchmod(fd, draft->mode) == 0 && write_all(fd, bytes, (size_t)size)
-                   && fsync(fd) == 0;
+    bool written = fchmod(fd, draft->mode) == 0 && write_all(fd, bytes, (size_t)size) &&
+                   fsync(fd) == 0;
     if (close(fd) != 0 || !written)
         goto fail;
     published = overwrite ? renameat(dir_fd, temporary, dir_fd, draft->name) == 0

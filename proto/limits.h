@@ -29,7 +29,7 @@
 #define LIMIT_SLICE (4 * LIMIT_MIB)
 
 /* One bundle object; its list of slice digests must fit the OBJECT_SLICE payload */
-#define LIMIT_OBJECT (64 * LIMIT_GIB)
+#define LIMIT_OBJECT        (64 * LIMIT_GIB)
 #define LIMIT_OBJECT_SLICES (LIMIT_OBJECT / LIMIT_SLICE)
 
 /* Bulk of a RESULT: proto/node_wire.h asserts that its largest node fits */

@@ -12,8 +12,8 @@ enum flag { FLAG_FAILED = 1 };
 #define SHAPE_SIZE 16
 #define STATS_SIZE (8 * (4 + NONFINITE_CAUSES + 1) + 8 + 4)
 
-_Static_assert(SHAPE_SIZE + STATS_SIZE + TILE_PIXELS / 8 + 4 * TILE_PIXELS * LIMIT_CHANNELS
-                   <= LIMIT_NODE_BULK,
+_Static_assert(SHAPE_SIZE + STATS_SIZE + TILE_PIXELS / 8 + 4 * TILE_PIXELS * LIMIT_CHANNELS <=
+                   LIMIT_NODE_BULK,
                "the largest node fits its frame");
 
 static size_t failed_words(uint32_t pixel_count)
@@ -31,8 +31,8 @@ static bool any_failed(const struct node_sums *sums)
 
 static size_t wire_size(uint32_t pixel_count, uint32_t channel_count, bool failed)
 {
-    return SHAPE_SIZE + STATS_SIZE + (failed ? 4 * failed_words(pixel_count) : 0)
-           + sizeof(float) * pixel_count * channel_count;
+    return SHAPE_SIZE + STATS_SIZE + (failed ? 4 * failed_words(pixel_count) : 0) +
+           sizeof(float) * pixel_count * channel_count;
 }
 
 size_t node_wire_size(const struct node_sums *sums)
@@ -119,8 +119,8 @@ struct node_sums *node_wire_decode(const void *bulk, size_t size, uint32_t pixel
     }
     if ((flags & ~(uint32_t)FLAG_FAILED) != 0 || zero != 0)
         reader_fail(&in, "unknown flags");
-    if (in.failure == NULL
-        && size != wire_size(pixel_count, channel_count, (flags & FLAG_FAILED) != 0))
+    if (in.failure == NULL &&
+        size != wire_size(pixel_count, channel_count, (flags & FLAG_FAILED) != 0))
         reader_fail(&in, "the length is not that of its shape");
     if (in.failure != NULL) {
         err_set(err, ERR_MESSAGE, "%s", in.failure);

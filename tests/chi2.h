@@ -26,12 +26,12 @@
 #define CHI2_CAUGHT 1e-8
 
 /* Fails with the numbers, and where they were wanted */
-#define EXPECT_NEAR(got, want, tolerance)                                                    \
-    do {                                                                                     \
-        double got_ = (double)(got), want_ = (double)(want), by_ = (double)(tolerance);      \
-        if (!(fabs(got_ - want_) <= by_))                                                    \
+#define EXPECT_NEAR(got, want, tolerance)                                                      \
+    do {                                                                                       \
+        double got_ = (double)(got), want_ = (double)(want), by_ = (double)(tolerance);        \
+        if (!(fabs(got_ - want_) <= by_))                                                      \
             fail_msg("%s:%d: %s is %.10g, want %.10g +- %.3g", __FILE__, __LINE__, #got, got_, \
-                     want_, by_);                                                            \
+                     want_, by_);                                                              \
     } while (0)
 
 struct random_lanes {
@@ -115,9 +115,9 @@ struct chi2_case {
 };
 
 struct chi2_result {
-    double p;        /* of Pearson's statistic */
-    double integral; /* of the density over the sphere */
-    double share;    /* of samples that were valid */
+    double p;                   /* of Pearson's statistic */
+    double integral;            /* of the density over the sphere */
+    double share;               /* of samples that were valid */
     unsigned long long outside; /* samples where the density is zero all around */
 };
 
@@ -142,8 +142,8 @@ static inline void chi2_integrate(const struct chi2_case *c, const struct frame8
                 double sum = 0;
                 for (int lane = 0; lane < LANES; lane++)
                     sum += (double)pdf[lane];
-                mass[row * CHI2_COLUMNS + j / CHI2_FINE] +=
-                    sum * sin(theta) * dtheta * 2 * M_PI / (CHI2_COLUMNS * CHI2_FINE);
+                mass[row * CHI2_COLUMNS + j / CHI2_FINE] += sum * sin(theta) * dtheta * 2 * M_PI /
+                                                            (CHI2_COLUMNS * CHI2_FINE);
             }
         }
 }

@@ -29,9 +29,9 @@ static bool round_trip(void *owner, const struct frame *frame, struct err *err)
         copy.payload = head + FRAME_HEADER_SIZE;
         copy.payload_size = head_size - FRAME_HEADER_SIZE;
         ProtobufCMessage *again = frame_message(&copy, NULL);
-        if (again == NULL || frame_head_size(again) != head_size
-            || !frame_head(again, frame->bulk_size, again_head, NULL)
-            || memcmp(head, again_head, head_size) != 0)
+        if (again == NULL || frame_head_size(again) != head_size ||
+            !frame_head(again, frame->bulk_size, again_head, NULL) ||
+            memcmp(head, again_head, head_size) != 0)
             abort();
         frame_message_free(again);
     }

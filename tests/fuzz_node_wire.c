@@ -27,9 +27,9 @@ int LLVMFuzzerTestOneInput(const uint8_t *bytes, size_t size)
     struct node_sums *sums = node_wire_decode(bulk, bulk_size, shape[0], shape[1], &err);
     if (sums == NULL && err.code == ERR_OK)
         abort();
-    if (sums != NULL
-        && (node_wire_size(sums) != bulk_size || !node_wire_encode(sums, again, bulk_size)
-            || memcmp(again, bulk, bulk_size) != 0))
+    if (sums != NULL &&
+        (node_wire_size(sums) != bulk_size || !node_wire_encode(sums, again, bulk_size) ||
+         memcmp(again, bulk, bulk_size) != 0))
         abort();
     node_sums_free(sums);
     free(again);

@@ -30,9 +30,9 @@ static inline struct scene *scenes_begin(uint32_t width, uint32_t height)
     struct scene *scene = scene_new();
     if (scene == NULL)
         abort();
-#define X(member, count, type, per)                                                         \
+#define X(member, count, type, per)                                                           \
     scene->member = arena_alloc(scene->arena, (size_t)SCENES_CAPACITY * (per), sizeof(type)); \
-    if (scene->member == NULL)                                                              \
+    if (scene->member == NULL)                                                                \
         abort();
     SCENE_ARRAYS(X)
 #undef X
@@ -59,15 +59,18 @@ static inline uint32_t scenes_light(struct scene *scene, struct light light)
 }
 
 /* `count` corners, counter-clockwise seen from the side of the normal; emits there when Le > 0 */
-static inline uint32_t scenes_polygon(struct scene *scene, const float (*corners)[3], uint32_t count,
-                                      uint32_t material, float Le)
+static inline uint32_t scenes_polygon(struct scene *scene, const float (*corners)[3],
+                                      uint32_t count, uint32_t material, float Le)
 {
     uint32_t first = scene->vertex_count;
     memcpy(scene->positions + 3 * first, corners, count * 3 * sizeof(float));
     scene->vertex_count += count;
     struct mesh *mesh = &scene->meshes[scene->mesh_count++];
-    *mesh = (struct mesh){ .first_triangle = scene->triangle_count, .triangle_count = count - 2,
-                           .first_vertex = first, .vertex_count = count, .material = material,
+    *mesh = (struct mesh){ .first_triangle = scene->triangle_count,
+                           .triangle_count = count - 2,
+                           .first_vertex = first,
+                           .vertex_count = count,
+                           .material = material,
                            .first_emissive = SCENE_NONE };
     double normal[3] = { 0, 0, 0 };
     for (uint32_t i = 2; i < count; i++) {
@@ -86,12 +89,15 @@ static inline uint32_t scenes_polygon(struct scene *scene, const float (*corners
     if (!(Le > 0 || isnan(Le)))
         return scene->mesh_count - 1;
     double twice = sqrt(normal[0] * normal[0] + normal[1] * normal[1] + normal[2] * normal[2]);
-    struct light light = { .kind = LIGHT_POLYGON, .radiance = { Le, Le, Le },
-                           .area = (float)(twice / 2), .first_corner = scene->light_corner_count,
+    struct light light = { .kind = LIGHT_POLYGON,
+                           .radiance = { Le, Le, Le },
+                           .area = (float)(twice / 2),
+                           .first_corner = scene->light_corner_count,
                            .corner_count = count };
     for (int axis = 0; axis < 3; axis++)
         light.normal[axis] = (float)(normal[axis] / twice);
-    memcpy(scene->light_corners + 3 * scene->light_corner_count, corners, count * 3 * sizeof(float));
+    memcpy(scene->light_corners + 3 * scene->light_corner_count, corners,
+           count * 3 * sizeof(float));
     scene->light_corner_count += count;
     mesh->first_emissive = scene->triangle_light_count;
     for (uint32_t i = 2; i < count; i++)
@@ -128,17 +134,26 @@ static inline struct quadric *scenes_quadric(struct scene *scene, uint32_t kind,
                                              float z, float radius, uint32_t material, float Le)
 {
     struct quadric *q = &scene->quadrics[scene->quadric_count];
-    *q = (struct quadric){ .kind = kind, .flags = QUADRIC_SIMILARITY, .center = { x, y, z },
-                           .radius = radius, .z_min = -radius, .z_max = radius, .phi_max = 7,
-                           .world_radius = radius, .material = material, .light = SCENE_NONE };
+    *q = (struct quadric){ .kind = kind,
+                           .flags = QUADRIC_SIMILARITY,
+                           .center = { x, y, z },
+                           .radius = radius,
+                           .z_min = -radius,
+                           .z_max = radius,
+                           .phi_max = 7,
+                           .world_radius = radius,
+                           .material = material,
+                           .light = SCENE_NONE };
     for (int i = 0; i < 9; i += 4)
         q->to_world[i] = q->to_object[i] = 1;
     if (Le > 0) {
         double area = M_PI * (double)radius * (double)radius * (kind == QUADRIC_SPHERE ? 4 : 1);
         q->light = scenes_light(
             scene, (struct light){ .kind = kind == QUADRIC_SPHERE ? LIGHT_SPHERE : LIGHT_DISK,
-                                   .radiance = { Le, Le, Le }, .normal = { 0, 0, 1 },
-                                   .area = (float)area, .quadric = scene->quadric_count });
+                                   .radiance = { Le, Le, Le },
+                                   .normal = { 0, 0, 1 },
+                                   .area = (float)area,
+                                   .quadric = scene->quadric_count });
     }
     scene->quadric_count++;
     return q;
@@ -176,21 +191,21 @@ static inline void scenes_finish(struct scene *scene)
 /* ---- pictures */
 
 struct picture_how {
-    uint32_t samples;    /* per leaf, a power of two; 0: 16 */
-    uint32_t leaves;     /* 0: 1 */
-    uint32_t lanes;      /* 0: 8 */
-    uint32_t depth_cap;  /* 0: 65536 */
-    uint32_t kernel;     /* 1: "everything" */
+    uint32_t samples;   /* per leaf, a power of two; 0: 16 */
+    uint32_t leaves;    /* 0: 1 */
+    uint32_t lanes;     /* 0: 8 */
+    uint32_t depth_cap; /* 0: 65536 */
+    uint32_t kernel;    /* 1: "everything" */
     uint64_t seed;
 };
 
 struct picture {
-    uint32_t width, height;    /* of the crop window */
-    float *rgb;                /* sums of the last leaf, three floats a pixel, top row first */
-    double mean, variance;     /* of the red channel: of all pixels, and between leaves' pixels */
-    double pixels;             /* how many went into the mean: its variance is variance / pixels */
+    uint32_t width, height; /* of the crop window */
+    float *rgb;             /* sums of the last leaf, three floats a pixel, top row first */
+    double mean, variance;  /* of the red channel: of all pixels, and between leaves' pixels */
+    double pixels;          /* how many went into the mean: its variance is variance / pixels */
     double largest;
-    unsigned failed;           /* pixels that lost a sample */
+    unsigned failed; /* pixels that lost a sample */
     struct node_stats stats;
     char variant[32];
 };
@@ -198,9 +213,12 @@ struct picture {
 static inline struct kernel_scene *scenes_open(const struct scene *scene, struct picture_how how)
 {
     struct err err = { .code = ERR_OK };
-    struct job_spec spec = { .seed = how.seed + 1, .replicates = 1, .channel_count = 3,
+    struct job_spec spec = { .seed = how.seed + 1,
+                             .replicates = 1,
+                             .channel_count = 3,
                              .leaf_samples = how.samples ? how.samples : 16,
-                             .planned_samples = 0, .kernel = how.kernel,
+                             .planned_samples = 0,
+                             .kernel = how.kernel,
                              .depth_cap = how.depth_cap ? how.depth_cap : 65536,
                              .max_lanes = how.lanes ? how.lanes : 8 };
     profile_thread_mode();
@@ -242,9 +260,11 @@ static inline struct picture *picture_take(const struct scene *scene, struct pic
                 n++;
                 p->largest = fmax(p->largest, value);
                 p->failed += sums->failed[i / 32] >> i % 32 & 1;
-                uint32_t x = rect.x - crop[0] + i % rect.width, y = rect.y - crop[2] + i / rect.width;
+                uint32_t x = rect.x - crop[0] + i % rect.width,
+                         y = rect.y - crop[2] + i / rect.width;
                 for (uint32_t c = 0; c < 3; c++)
-                    p->rgb[3 * ((size_t)y * p->width + x) + c] = sums->values[c * sums->pixel_count + i];
+                    p->rgb[3 * ((size_t)y * p->width + x) + c] =
+                        sums->values[c * sums->pixel_count + i];
             }
             node_sums_free(sums);
         }

@@ -2,10 +2,10 @@
 #include "common/bytes.h"
 #include "common/err.h"
 
+#include <cmocka.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
-#include <cmocka.h>
 #include <string.h>
 
 static void write_everything(struct writer *out)

@@ -343,12 +343,12 @@ static void a_job_takes_the_shape_its_samples_allow(void **state)
         uint32_t replicates, want_k, want_b;
         uint64_t want_spp;
     } rows[] = {
-        { 0, 0, 1, 1, 1 },       { 1, 0, 1, 1, 1 },      { 2, 0, 1, 2, 2 },
-        { 3, 0, 1, 2, 4 },       { 4, 0, 2, 2, 4 },      { 7, 0, 3, 2, 12 },
-        { 8, 0, 4, 2, 8 },       { 15, 0, 4, 2, 16 },    { 16, 0, 4, 4, 16 },
-        { 17, 0, 4, 4, 32 },     { 64, 0, 4, 4, 64 },    { 100, 0, 4, 4, 112 },
-        { 256, 0, 4, 4, 256 },   { 257, 0, 4, 4, 288 },  { 64, 32, 32, 2, 64 },
-        { 128, 32, 32, 4, 128 }, { 64, 1, 1, 4, 64 },    { 1000, 0, 4, 4, 1024 },
+        { 0, 0, 1, 1, 1 },       { 1, 0, 1, 1, 1 },     { 2, 0, 1, 2, 2 },
+        { 3, 0, 1, 2, 4 },       { 4, 0, 2, 2, 4 },     { 7, 0, 3, 2, 12 },
+        { 8, 0, 4, 2, 8 },       { 15, 0, 4, 2, 16 },   { 16, 0, 4, 4, 16 },
+        { 17, 0, 4, 4, 32 },     { 64, 0, 4, 4, 64 },   { 100, 0, 4, 4, 112 },
+        { 256, 0, 4, 4, 256 },   { 257, 0, 4, 4, 288 }, { 64, 32, 32, 2, 64 },
+        { 128, 32, 32, 4, 128 }, { 64, 1, 1, 4, 64 },   { 1000, 0, 4, 4, 1024 },
         { 4096, 8, 8, 4, 4096 },
     };
     for (size_t i = 0; i < sizeof(rows) / sizeof(*rows); i++) {
@@ -384,8 +384,9 @@ static void tiles_cover_the_crop_window_once(void **state)
 {
     (void)state;
     enum { WIDTH = 200, HEIGHT = 100 };
-    static const uint32_t crops[][4] = { { 0, 200, 0, 100 }, { 13, 14, 7, 8 },
-                                         { 1, 97, 3, 35 },   { 5, 70, 50, 100 } };
+    static const uint32_t crops[][4] = {
+        { 0, 200, 0, 100 }, { 13, 14, 7, 8 }, { 1, 97, 3, 35 }, { 5, 70, 50, 100 }
+    };
     for (size_t i = 0; i < sizeof(crops) / sizeof(*crops); i++) {
         struct scene scene = { .settings = { .width = WIDTH, .height = HEIGHT } };
         memcpy(scene.settings.crop, crops[i], sizeof(crops[i]));

@@ -17,35 +17,79 @@
 #include <cmocka.h>
 
 enum {
-    MATTE, BLACK, PAINT, MIRRORED, METAL_1, METAL_3, METAL_10, METAL_SKEW, METAL_NARROW, METAL_FLAT,
-    METAL_TINY, GLASS, GLASS_1, GLASS_4, GLASS_NARROW, GLASS_THIN, GLASS_NONE, COAT, COAT_1, COAT_3,
-    WHITE_COAT, PERFECT_1, PERFECT_5, MATERIALS
+    MATTE,
+    BLACK,
+    PAINT,
+    MIRRORED,
+    METAL_1,
+    METAL_3,
+    METAL_10,
+    METAL_SKEW,
+    METAL_NARROW,
+    METAL_FLAT,
+    METAL_TINY,
+    GLASS,
+    GLASS_1,
+    GLASS_4,
+    GLASS_NARROW,
+    GLASS_THIN,
+    GLASS_NONE,
+    COAT,
+    COAT_1,
+    COAT_3,
+    WHITE_COAT,
+    PERFECT_1,
+    PERFECT_5,
+    MATERIALS
 };
 
 static const char *const names[MATERIALS] = {
-    "diffuse", "black mixture", "mixture", "mirror mixture", "conductor .1", "conductor .3",
-    "conductor 1", "conductor .05 x .4", "conductor .01", "smooth conductor",
-    "conductor below ALPHA_SMOOTH", "smooth glass", "glass .1", "glass .4", "glass .01",
-    "glass of ior 1.1", "glass of ior 1", "smooth coat", "coat .1", "coat .3", "white coat",
-    "lossless conductor .1", "lossless conductor .5",
+    "diffuse",
+    "black mixture",
+    "mixture",
+    "mirror mixture",
+    "conductor .1",
+    "conductor .3",
+    "conductor 1",
+    "conductor .05 x .4",
+    "conductor .01",
+    "smooth conductor",
+    "conductor below ALPHA_SMOOTH",
+    "smooth glass",
+    "glass .1",
+    "glass .4",
+    "glass .01",
+    "glass of ior 1.1",
+    "glass of ior 1",
+    "smooth coat",
+    "coat .1",
+    "coat .3",
+    "white coat",
+    "lossless conductor .1",
+    "lossless conductor .5",
 };
 
 static struct material materials[MATERIALS];
 static float coat_table[COAT_TABLE_LEN];
-static struct scene scene = { .materials = materials, .material_count = MATERIALS,
-                              .coat_tables = coat_table, .coat_table_count = 1 };
+static struct scene scene = { .materials = materials,
+                              .material_count = MATERIALS,
+                              .coat_tables = coat_table,
+                              .coat_table_count = 1 };
 
 /* ---- fixtures */
 
 static void metal(int id, float ax, float ay)
 {
-    materials[id] = (struct material){ .kind = MATERIAL_CONDUCTOR, .eta = { 0.2f, 0.9f, 1.1f },
-                                       .k = { 3.9f, 2.4f, 2.1f }, .alpha = { ax, ay } };
+    materials[id] = (struct material){ .kind = MATERIAL_CONDUCTOR,
+                                       .eta = { 0.2f, 0.9f, 1.1f },
+                                       .k = { 3.9f, 2.4f, 2.1f },
+                                       .alpha = { ax, ay } };
 }
 
 static void glass(int id, float alpha, float ior)
 {
-    materials[id] = (struct material){ .kind = MATERIAL_DIELECTRIC, .ior = ior,
+    materials[id] = (struct material){ .kind = MATERIAL_DIELECTRIC,
+                                       .ior = ior,
                                        .alpha = { alpha, alpha } };
 }
 
@@ -55,8 +99,11 @@ static void glass(int id, float alpha, float ior)
  */
 static void coat(int id, float alpha, float r, float g, float b)
 {
-    materials[id] = (struct material){ .kind = MATERIAL_COAT, .ior = 1.5f, .alpha = { alpha, alpha },
-                                       .reflectance = { r, g, b }, .coat_inner = 0.596345759708f,
+    materials[id] = (struct material){ .kind = MATERIAL_COAT,
+                                       .ior = 1.5f,
+                                       .alpha = { alpha, alpha },
+                                       .reflectance = { r, g, b },
+                                       .coat_inner = 0.596345759708f,
                                        .coat_scale = (float)(1 / (M_PI * 2.25)) };
 }
 
@@ -113,9 +160,8 @@ static __attribute__((noinline)) struct bsdf_sample8 sample(int id, const struct
                                                             const f8 u[3], bool importance)
 {
     struct bsdf8 b = bsdf_of(&scene, FX_ALL, I8(id));
-    return importance
-               ? bsdf_sample(&b, FX_ALL, TRANSPORT_IMPORTANCE, I8(-1), *wo, u[0], u[1], u[2])
-               : bsdf_sample(&b, FX_ALL, TRANSPORT_RADIANCE, I8(-1), *wo, u[0], u[1], u[2]);
+    return importance ? bsdf_sample(&b, FX_ALL, TRANSPORT_IMPORTANCE, I8(-1), *wo, u[0], u[1], u[2])
+                      : bsdf_sample(&b, FX_ALL, TRANSPORT_RADIANCE, I8(-1), *wo, u[0], u[1], u[2]);
 }
 
 static struct bsdf_sample8 sample_random(int id, const struct vec3x8 *wo, struct random_lanes *r,
@@ -288,7 +334,8 @@ static void the_weak_white_furnace_returns_one(void **state) /* H27 */
         for (int c = 0; c < 3; c++) {
             struct ggx8 g = { F8(alphas[a]), F8(alphas[a]) };
             struct vec3x8 o = at_cosine(cosines[c]);
-            /* h = (theta, phi), tan^2 theta = alpha^2 u / (1 - u): density D cos(theta) in u, phi */
+            /* h = (theta, phi), tan^2 theta = alpha^2 u / (1 - u): density D cos(theta) in u, phi
+             */
             double sum = 0;
             const int rows = 1024, columns = 512;
             for (int i = 0; i < rows; i++)
@@ -385,8 +432,13 @@ static void scatter_sample(void *self, struct random_lanes *r, struct vec3x8 *w,
 
 static struct chi2_case scatter_case(struct scatter *s, double power, uint64_t seed)
 {
-    struct chi2_case c = { .self = s, .axis = { 0, 0, 1 }, .power = power, .samples = 100000,
-                           .seed = seed, .pdf = scatter_pdf, .sample = scatter_sample };
+    struct chi2_case c = { .self = s,
+                           .axis = { 0, 0, 1 },
+                           .power = power,
+                           .samples = 100000,
+                           .seed = seed,
+                           .pdf = scatter_pdf,
+                           .sample = scatter_sample };
     if (power > 1) { /* around where a smooth surface would send the light */
         f8 eta = F8(s->wo.z[0] > 0 ? materials[s->id].ior : 1 / materials[s->id].ior), cos_t;
         struct vec3x8 o = s->wo, w = { -o.x, -o.y, o.z };
@@ -405,10 +457,10 @@ static const struct {
     int id, side;
     double power;
 } scatters[] = {
-    { MATTE, 0, 1 },        { PAINT, 0, 1 },         { METAL_10, 0, 1 },     { METAL_3, 0, 1 },
-    { METAL_1, 1, 2 },      { METAL_SKEW, 1, 2 },    { METAL_NARROW, 1, 4 }, { GLASS_4, 0, 1 },
-    { GLASS_1, 1, 2 },      { GLASS_1, -1, 2 },      { GLASS_NARROW, 1, 4 }, { GLASS_NARROW, -1, 4 },
-    { GLASS_THIN, -1, 2 },  { COAT, 0, 1 },          { COAT_1, 0, 2 },       { COAT_3, 0, 1 },
+    { MATTE, 0, 1 },       { PAINT, 0, 1 },      { METAL_10, 0, 1 },     { METAL_3, 0, 1 },
+    { METAL_1, 1, 2 },     { METAL_SKEW, 1, 2 }, { METAL_NARROW, 1, 4 }, { GLASS_4, 0, 1 },
+    { GLASS_1, 1, 2 },     { GLASS_1, -1, 2 },   { GLASS_NARROW, 1, 4 }, { GLASS_NARROW, -1, 4 },
+    { GLASS_THIN, -1, 2 }, { COAT, 0, 1 },       { COAT_1, 0, 2 },       { COAT_3, 0, 1 },
 };
 
 static void directions_are_distributed_as_their_density_says(void **state)
@@ -417,7 +469,8 @@ static void directions_are_distributed_as_their_density_says(void **state)
     const double cosines[] = { 0.95, 0.5, 0.15, -0.9, -0.4 };
     for (size_t i = 0; i < sizeof(scatters) / sizeof(scatters[0]); i++)
         for (size_t c = 0; c < sizeof(cosines) / sizeof(cosines[0]); c++) {
-            struct scatter s = { scatters[i].id, at_cosine(cosines[c]), c % 2, scatters[i].side, 0 };
+            struct scatter s = { scatters[i].id, at_cosine(cosines[c]), c % 2, scatters[i].side,
+                                 0 };
             int kind = (int)materials[s.id].kind;
             if (cosines[c] < 0 && kind != MATERIAL_DIELECTRIC && c % 2)
                 continue; /* one look from below is enough for what is mirrored */
@@ -430,7 +483,8 @@ static void directions_are_distributed_as_their_density_says(void **state)
                          names[s.id], cosines[c], s.side, r.p, r.outside);
             if (!chi2_scale_right(&r, test.samples, 2e-3))
                 fail_msg("%s, cosine %g, side %d: the density integrates to %g, %g of the samples "
-                         "are valid", names[s.id], cosines[c], s.side, r.integral, r.share);
+                         "are valid",
+                         names[s.id], cosines[c], s.side, r.integral, r.share);
         }
 }
 
@@ -471,24 +525,29 @@ static void worst_gaps(int id, enum plant plant, bool importance, double worst[4
             s.weight = vec3x8_scale(s.weight, F8(0.99f));
         if (plant == PDF_LARGE)
             s.pdf = s.pdf * 1.02f;
-        struct bsdf_eval8 e = eval(id, &wo, &s.wi, importance), back = eval(id, &s.wi, &wo, importance);
+        struct bsdf_eval8 e = eval(id, &wo, &s.wi, importance),
+                          back = eval(id, &s.wi, &wo, importance);
         struct vec3x8 weight = vec3x8_scale(e.f_cos, 1 / e.pdf);
         /* Within a degree of grazing a rounding of the direction is a large part of its cosine */
         i8 check = scattered(&s) & (f8_abs(wo.z) > 0.02f) & (f8_abs(s.wi.z) > 0.02f);
         for (unsigned todo = i8_bits(check); todo != 0; todo &= todo - 1) {
             int lane = __builtin_ctz(todo);
-            worst[0] = fmax(worst[0], fmax(gap(s.weight.x, weight.x, lane), gap(s.weight.z, weight.z, lane)));
+            worst[0] = fmax(worst[0],
+                            fmax(gap(s.weight.x, weight.x, lane), gap(s.weight.z, weight.z, lane)));
             worst[1] = fmax(worst[1], gap(s.pdf, e.pdf, lane));
             worst[2] = fmax(worst[2], gap(s.pdf_rev, e.pdf_rev, lane));
             worst[3] = fmax(worst[3], gap(e.pdf_rev, back.pdf, lane));
-            if (s.eta[lane] != (s.transmitted[lane] ? wo.z[lane] > 0 ? materials[id].ior : 1 / materials[id].ior : 1))
+            if (s.eta[lane] != (s.transmitted[lane]
+                                    ? wo.z[lane] > 0 ? materials[id].ior : 1 / materials[id].ior
+                                    : 1))
                 fail_msg("%s: eta is %g", names[id], (double)s.eta[lane]);
         }
     }
 }
 
-static const int rough[] = { MATTE, PAINT, METAL_1, METAL_3, METAL_10, METAL_SKEW, METAL_NARROW,
-                             GLASS_1, GLASS_4, GLASS_NARROW, GLASS_THIN, COAT, COAT_1, COAT_3 };
+static const int rough[] = { MATTE,      PAINT,        METAL_1, METAL_3, METAL_10,
+                             METAL_SKEW, METAL_NARROW, GLASS_1, GLASS_4, GLASS_NARROW,
+                             GLASS_THIN, COAT,         COAT_1,  COAT_3 };
 #define ROUGH_COUNT (sizeof(rough) / sizeof(rough[0]))
 
 static void weights_values_and_densities_agree(void **state)
@@ -556,8 +615,9 @@ static void the_value_integrates_to_the_mean_weight(void **state)
     int caught = 0, runs = 0;
     for (size_t i = 0; i < sizeof(scatters) / sizeof(scatters[0]); i++)
         for (int c = 0; c < 4; c++) {
-            struct value v = { { scatters[i].id, at_cosine(cosines[c]), c % 2, scatters[i].side, 0 },
-                               c % 3 };
+            struct value v = {
+                { scatters[i].id, at_cosine(cosines[c]), c % 2, scatters[i].side, 0 }, c % 3
+            };
             if (cosines[c] == -0.25 && v.scatter.side < 0)
                 continue; /* beyond the critical angle */
             struct chi2_case test = scatter_case(&v.scatter, scatters[i].power, 1);
@@ -575,7 +635,8 @@ static void the_value_integrates_to_the_mean_weight(void **state)
             struct random_lanes r = { 300 + i, 0 };
             struct tally t = { 0 };
             for (int k = 0; k < 20000; k++) {
-                struct bsdf_sample8 s = sample_random(v.scatter.id, &v.scatter.wo, &r, v.scatter.importance);
+                struct bsdf_sample8 s = sample_random(v.scatter.id, &v.scatter.wo, &r,
+                                                      v.scatter.importance);
                 const f8 rgb[3] = { s.weight.x, s.weight.y, s.weight.z };
                 i8 counts = scattered(&s);
                 if (v.scatter.side != 0)
@@ -585,9 +646,11 @@ static void the_value_integrates_to_the_mean_weight(void **state)
             }
             double slack = 4.5 * sqrt(tally_variance(&t) / t.n) + 2e-3 * integral;
             if (fabs(integral - tally_mean(&t)) > slack)
-                fail_msg("%s, cosine %g, side %d: the value integrates to %g, the mean weight is %g "
-                         "+- %g", names[v.scatter.id], cosines[c], v.scatter.side, integral,
-                         tally_mean(&t), slack);
+                fail_msg(
+                    "%s, cosine %g, side %d: the value integrates to %g, the mean weight is %g "
+                    "+- %g",
+                    names[v.scatter.id], cosines[c], v.scatter.side, integral, tally_mean(&t),
+                    slack);
             runs++;
             caught += fabs(integral - 0.96 * tally_mean(&t)) > slack;
         }
@@ -610,7 +673,8 @@ static void scattering_is_reciprocal(void **state) /* H30 */
             for (int lane = 0; lane < LANES; lane++) {
                 double f = (double)there.f_cos.x[lane] / fabs((double)b.z[lane]);
                 double g = (double)back.f_cos.x[lane] / fabs((double)a.z[lane]);
-                if (fabs((double)a.z[lane]) < 0.02 || fabs((double)b.z[lane]) < 0.02 || f + g < 1e-4)
+                if (fabs((double)a.z[lane]) < 0.02 || fabs((double)b.z[lane]) < 0.02 ||
+                    f + g < 1e-4)
                     continue;
                 /* Through the surface f n_o^2 = g n_i^2, n of the side the light comes out on */
                 if (a.z[lane] * b.z[lane] < 0) {
@@ -670,7 +734,8 @@ static void glass_keeps_all_energy(void **state)
     (void)state;
     for (double c = -1; c <= 1; c += 0.13)
         EXPECT_NEAR(albedo(GLASS, c, 12), 1, 1e-6);
-    EXPECT_NEAR(albedo(GLASS_NONE, 0.3, 12), 1, 0); /* index 1: all goes straight on, however rough */
+    EXPECT_NEAR(albedo(GLASS_NONE, 0.3, 12), 1,
+                0); /* index 1: all goes straight on, however rough */
 }
 
 /* ---- corner cases */
@@ -680,7 +745,8 @@ static void the_rim_of_the_cosine_lobe_weighs_the_reflectance(void **state) /* H
     (void)state;
     struct vec3x8 wo = at_cosine(0.5);
     const float last = 0x1.fffffep-1f;
-    const f8 u[3] = { F8(0), { 0, last, 1 - 0x1p-23f, 0.5f, 0, last, 0, 0.25f },
+    const f8 u[3] = { F8(0),
+                      { 0, last, 1 - 0x1p-23f, 0.5f, 0, last, 0, 0.25f },
                       { 0, 0, last, last, last, last, 0.5f, 0.75f } };
     struct bsdf_sample8 s = sample(MATTE, &wo, u, false);
     for (int lane = 0; lane < LANES; lane++) {

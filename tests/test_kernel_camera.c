@@ -14,16 +14,19 @@
 
 static struct scene scene_of(float lens_radius, float focal_distance)
 {
-    return (struct scene){
-        .settings = { .width = 64, .height = 48,
-                      .camera = { .position = { 1, 2, 3 }, .right = { 1, 0, 0 }, .up = { 0, 1, 0 },
-                                  .forward = { 0, 0, 1 }, .screen = { -1, 1, -0.75f, 0.75f },
-                                  .lens_radius = lens_radius, .focal_distance = focal_distance } }
-    };
+    return (struct scene){ .settings = { .width = 64,
+                                         .height = 48,
+                                         .camera = { .position = { 1, 2, 3 },
+                                                     .right = { 1, 0, 0 },
+                                                     .up = { 0, 1, 0 },
+                                                     .forward = { 0, 0, 1 },
+                                                     .screen = { -1, 1, -0.75f, 0.75f },
+                                                     .lens_radius = lens_radius,
+                                                     .focal_distance = focal_distance } } };
 }
 
-static __attribute__((noinline)) struct ray8 ray_of(const struct scene *scene, const f8 *x, const f8 *y,
-                                                    const f8 *u, const f8 *v)
+static __attribute__((noinline)) struct ray8 ray_of(const struct scene *scene, const f8 *x,
+                                                    const f8 *y, const f8 *u, const f8 *v)
 {
     return camera_ray(scene, FX_ALL, *x, *y, *u, *v);
 }
@@ -118,7 +121,8 @@ static double disk_p(int planted)
         f8 u = random_f8(&r), v = random_f8(&r);
         struct vec2x8 d = disk_from_square(u, v);
         for (int lane = 0; lane < LANES; lane++) {
-            double r2 = (double)d.x[lane] * (double)d.x[lane] + (double)d.y[lane] * (double)d.y[lane];
+            double r2 = (double)d.x[lane] * (double)d.x[lane] +
+                        (double)d.y[lane] * (double)d.y[lane];
             if (!(r2 <= 1 + 1e-6))
                 fail_msg("(%g, %g) is not in the disk", (double)d.x[lane], (double)d.y[lane]);
             if (planted)
@@ -160,7 +164,8 @@ static const struct filter_spec filters[] = {
 /* Along one axis, x in units of the radius; as in pbrt-v4, section 8.8, written out again */
 static double filter_value(const struct filter_spec *f, int axis, double x)
 {
-    double a = fabs(x), r = (double)f->radius[axis], s = (double)f->sigma, b = (double)f->b, c = (double)f->c;
+    double a = fabs(x), r = (double)f->radius[axis], s = (double)f->sigma, b = (double)f->b,
+           c = (double)f->c;
     if (f->kind == FILTER_TRIANGLE)
         return 1 - a;
     if (f->kind == FILTER_GAUSSIAN)
@@ -169,13 +174,17 @@ static double filter_value(const struct filter_spec *f, int axis, double x)
         return 1;
     a *= 2;
     if (a <= 1)
-        return ((12 - 9 * b - 6 * c) * a * a * a + (-18 + 12 * b + 6 * c) * a * a + (6 - 2 * b)) / 6;
-    return ((-b - 6 * c) * a * a * a + (6 * b + 30 * c) * a * a + (-12 * b - 48 * c) * a + (8 * b + 24 * c)) / 6;
+        return ((12 - 9 * b - 6 * c) * a * a * a + (-18 + 12 * b + 6 * c) * a * a + (6 - 2 * b)) /
+               6;
+    return ((-b - 6 * c) * a * a * a + (6 * b + 30 * c) * a * a + (-12 * b - 48 * c) * a +
+            (8 * b + 24 * c)) /
+           6;
 }
 
 #define BINS 24
 
-/* The share of the filter (with its sign, over its integral) that falls in each of BINS x BINS bins */
+/* The share of the filter (with its sign, over its integral) that falls in each of BINS x BINS bins
+ */
 static void filter_shares(const struct filter_spec *f, double shares[BINS * BINS])
 {
     double axis[2][BINS] = { { 0 } }, sum[2] = { 0, 0 };
@@ -235,7 +244,8 @@ static void samples_weigh_what_the_filter_says(void **state)
                 continue;
             double error = 2e-2 * fabs(shares[b]) + 2e-5;
             double gap = fmax(0, fabs(weights[b] - shares[b]) - error);
-            double wrong = fmax(0, fabs(weights[b] - shares[BINS * BINS - 1 - (b * 7) % (BINS * BINS)]) - error);
+            double wrong = fmax(
+                0, fabs(weights[b] - shares[BINS * BINS - 1 - (b * 7) % (BINS * BINS)]) - error);
             statistic += gap * gap / variance;
             planted += wrong * wrong / variance;
             bins++;
@@ -254,8 +264,9 @@ static void four_samples_of_a_constant_image_sum_to_four(void **state)
     static struct filter_table table;
     for (int b = 0; b <= 10; b++)
         for (int c = 0; c <= 10; c++) {
-            struct filter_spec f = { .kind = FILTER_MITCHELL, .radius = { 2, 2 }, .b = (float)b / 10,
-                                     .c = (float)c / 10 };
+            struct filter_spec f = {
+                .kind = FILTER_MITCHELL, .radius = { 2, 2 }, .b = (float)b / 10, .c = (float)c / 10
+            };
             filter_table_make(&table, &f);
             if (!table.has_negative)
                 continue;
@@ -263,7 +274,8 @@ static void four_samples_of_a_constant_image_sum_to_four(void **state)
             for (int i = 0; i < 4; i++) {
                 double sum = 0;
                 for (int k = 0; k < 4; k++)
-                    sum += (double)(k == 3 ? table.weight_negative : table.weight_positive) * (double)values[i];
+                    sum += (double)(k == 3 ? table.weight_negative : table.weight_positive) *
+                           (double)values[i];
                 if ((float)sum != 4 * values[i])
                     fail_msg("b %g, c %g: four of %g are %.9g", (double)f.b, (double)f.c,
                              (double)values[i], sum);

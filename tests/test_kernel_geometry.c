@@ -41,8 +41,9 @@ static i8 intersect(const struct kernel_scene *ks, struct vec3x8 o, struct vec3x
     return *geometry != -1;
 }
 
-static __attribute__((noinline)) struct surface8 surface(const struct kernel_scene *ks, i8 hit, i8 geometry,
-                                                         i8 prim, const struct vec3x8 *o,
+static __attribute__((noinline)) struct surface8 surface(const struct kernel_scene *ks, i8 hit,
+                                                         i8 geometry, i8 prim,
+                                                         const struct vec3x8 *o,
                                                          const struct vec3x8 *d, f8 t)
 {
     return hit_surface(ks, FX_ALL, hit, geometry, prim, *o, *d, t);
@@ -58,7 +59,8 @@ static struct scene *soup(double shift, int count)
         float corners[3][3];
         double size = pow(10, -2 * random_double(&r));
         for (int k = 0; k < 9; k++)
-            corners[k / 3][k % 3] = (float)(shift + (k % 3 == 2 ? 0 : 4 * (i % 30)) + size * (2 * random_double(&r) - 1));
+            corners[k / 3][k % 3] = (float)(shift + (k % 3 == 2 ? 0 : 4 * (i % 30)) +
+                                            size * (2 * random_double(&r) - 1));
         scenes_polygon(scene, (const float(*)[3])corners, 3, white, 0);
     }
     scenes_finish(scene);
@@ -78,9 +80,11 @@ static unsigned self_hits(double shift, int rays, float ulps)
         for (int lane = 0; lane < LANES; lane++) {
             const float *P = scene->positions + 9 * ((LANES * i + lane) % 300);
             double b = random_double(&r), c = random_double(&r) * (1 - b);
-            float *to[3] = { (float *)&target.x + lane, (float *)&target.y + lane, (float *)&target.z + lane };
+            float *to[3] = { (float *)&target.x + lane, (float *)&target.y + lane,
+                             (float *)&target.z + lane };
             for (int k = 0; k < 3; k++)
-                *to[k] = (float)((double)P[k] + b * ((double)P[3 + k] - (double)P[k]) + c * ((double)P[6 + k] - (double)P[k]));
+                *to[k] = (float)((double)P[k] + b * ((double)P[3 + k] - (double)P[k]) +
+                                 c * ((double)P[6 + k] - (double)P[k]));
         }
         o = vec3x8_sub(target, vec3x8_scale(d, F8(1 + (float)fabs(shift) * 1e-3f)));
         i8 geometry, prim, geometry2, prim2;
@@ -118,8 +122,8 @@ static void no_ray_hits_the_triangle_it_leaves(void **state) /* H1, H4 */
 }
 
 /*
- * H2: what the offset costs. A ray starts spawn = 2^-20 max|x| off its surface, so a gap thinner than
- * that leaks; g_min at 1e2, 1e4, 1e6 is 1e-4, 0.01 and 1. Scenes are re-centred when read.
+ * H2: what the offset costs. A ray starts spawn = 2^-20 max|x| off its surface, so a gap thinner
+ * than that leaks; g_min at 1e2, 1e4, 1e6 is 1e-4, 0.01 and 1. Scenes are re-centred when read.
  */
 static void the_offset_is_two_to_the_minus_twenty_of_the_largest_coordinate(void **state)
 {
@@ -163,8 +167,11 @@ static struct scene *ball(int rows, int columns)
         }
     for (int i = 0; i < rows; i++)
         for (int j = 0; j < columns; j++) {
-            uint32_t a = (uint32_t)(i * columns + j), b = (uint32_t)(i * columns + (j + 1) % columns);
-            const uint32_t quad[6] = { a, b, a + (uint32_t)columns, b, b + (uint32_t)columns, a + (uint32_t)columns };
+            uint32_t a = (uint32_t)(i * columns + j),
+                     b = (uint32_t)(i * columns + (j + 1) % columns);
+            const uint32_t quad[6] = {
+                a, b, a + (uint32_t)columns, b, b + (uint32_t)columns, a + (uint32_t)columns
+            };
             memcpy(scene->triangles + 3 * scene->triangle_count, quad, sizeof(quad));
             scene->triangle_count += 2;
         }
@@ -192,7 +199,8 @@ static void a_closed_mesh_lets_no_ray_out(void **state) /* H5, H7, H10 */
             for (int lane = 0; lane < LANES; lane++) {
                 uint32_t edge = (uint32_t)(random_double(&r) * scene->triangle_count * 3);
                 const uint32_t *t = scene->triangles + edge / 3 * 3;
-                const float *a = scene->positions + 3 * t[edge % 3], *b = scene->positions + 3 * t[(edge + 1) % 3];
+                const float *a = scene->positions + 3 * t[edge % 3],
+                            *b = scene->positions + 3 * t[(edge + 1) % 3];
                 double s = i % 2 ? random_double(&r) : 0;
                 d.x[lane] = (float)((1 - s) * (double)a[0] + s * (double)b[0]) - o.x[lane];
                 d.y[lane] = (float)((1 - s) * (double)a[1] + s * (double)b[1]) - o.y[lane];
@@ -218,8 +226,8 @@ static void a_closed_mesh_lets_no_ray_out(void **state) /* H5, H7, H10 */
     }
     if (missed > 0 || cracks > 0)
         fail_msg("%u rays got out, %u hits have no normal", missed, cracks);
-    /* Aimed at the very coordinates of a vertex, one in a thousand slips through Embree's robust mode;
-     * its own bar, 2e-5, is for rays that are not */
+    /* Aimed at the very coordinates of a vertex, one in a thousand slips through Embree's robust
+     * mode; its own bar, 2e-5, is for rays that are not */
     if (at_vertices > 480)
         fail_msg("%u rays of 240000 got out at vertices", at_vertices);
 
@@ -231,8 +239,8 @@ static void a_closed_mesh_lets_no_ray_out(void **state) /* H5, H7, H10 */
     for (int i = 0; i < 10000; i++) {
         i8 geometry, prim;
         f8 t;
-        missed += 8 - (unsigned)__builtin_popcount(
-                          i8_bits(intersect(ks, vec3x8_all(0, 0, 0), random_direction(&r), &geometry, &prim, &t)));
+        missed += 8 - (unsigned)__builtin_popcount(i8_bits(intersect(
+                          ks, vec3x8_all(0, 0, 0), random_direction(&r), &geometry, &prim, &t)));
     }
     assert_true(missed > 0);
     kernel_close(ks);
@@ -265,7 +273,8 @@ static void the_length_of_a_direction_does_not_move_the_hit(void **state) /* H6,
     scene_free(scene);
 }
 
-static void slivers_have_unit_normals_and_degenerate_triangles_none_that_are_nan(void **state) /* H10, H11 */
+static void
+slivers_have_unit_normals_and_degenerate_triangles_none_that_are_nan(void **state) /* H10, H11 */
 {
     (void)state;
     struct scene *scene = scenes_begin(1, 1);
@@ -287,7 +296,9 @@ static void slivers_have_unit_normals_and_degenerate_triangles_none_that_are_nan
         struct surface8 s = surface(ks, I8(-1), I8(i % 4), I8(0), &o, &d, F8(1));
         for (int lane = 0; lane < LANES; lane++) {
             if (i % 4 < 2)
-                EXPECT_NEAR(s.ng.x[lane] * s.ng.x[lane] + s.ng.y[lane] * s.ng.y[lane] + s.ng.z[lane] * s.ng.z[lane], 1, 4e-7);
+                EXPECT_NEAR(s.ng.x[lane] * s.ng.x[lane] + s.ng.y[lane] * s.ng.y[lane] +
+                                s.ng.z[lane] * s.ng.z[lane],
+                            1, 4e-7);
             assert_false(isnan(s.ng.x[lane]) || isnan(s.ng.y[lane]) || isnan(s.ng.z[lane]));
         }
         /* Embree seldom finds what has no area, though aimed right at it */
@@ -311,22 +322,28 @@ static void a_far_sphere_keeps_its_digits(void **state) /* H8 */
     (void)state;
     double naive_worst = 0;
     for (double distance = 1; distance <= 1e6; distance *= 10) {
-        struct quadric q = { .kind = QUADRIC_SPHERE, .radius = 1, .z_min = -1, .z_max = 1, .phi_max = 7 };
+        struct quadric q = {
+            .kind = QUADRIC_SPHERE, .radius = 1, .z_min = -1, .z_max = 1, .phi_max = 7
+        };
         for (int k = 0; k < 9; k += 4)
             q.to_object[k] = q.to_world[k] = 1;
         struct random_lanes r = { 8, 0 };
         for (int i = 0; i < 4000; i++) {
             double x = 1.2 * random_double(&r) - 0.6, y = 0.3 * random_double(&r);
-            struct vec3x8 o = vec3x8_all((float)x, (float)y, (float)-(distance + 1)), d = vec3x8_all(0, 0, 1);
+            struct vec3x8 o = vec3x8_all((float)x, (float)y, (float)-(distance + 1)),
+                          d = vec3x8_all(0, 0, 1);
             f8 t;
             i8 hit = quadric_intersect(&q, I8(-1), o, d, F8(0), F8(__builtin_inff()), &t);
             assert_int_equal(i8_bits(hit), 255);
-            double fx = (double)(float)x, fy = (double)(float)y, oz = (double)(float)-(distance + 1);
+            double fx = (double)(float)x, fy = (double)(float)y,
+                   oz = (double)(float)-(distance + 1);
             double want = -oz - sqrt(1 - fx * fx - fy * fy);
             double ulp = ldexp(1, (int)floor(log2(want)) - 23);
             EXPECT_NEAR(t[0], want, 4 * fmax(ulp, 0x1p-22)); /* measured: 2.5 */
-            float fo = (float)oz, fb = -fo, fc = (float)x * (float)x + (float)y * (float)y + fo * fo - 1;
-            naive_worst = fmax(naive_worst, fabs((double)(fb - sqrtf(fmaxf(fb * fb - fc, 0))) - want));
+            float fo = (float)oz, fb = -fo,
+                  fc = (float)x * (float)x + (float)y * (float)y + fo * fo - 1;
+            naive_worst = fmax(naive_worst,
+                               fabs((double)(fb - sqrtf(fmaxf(fb * fb - fc, 0))) - want));
         }
     }
     assert_true(naive_worst > 0.5); /* the textbook's quadratic has lost them all */
@@ -341,7 +358,9 @@ static void rays_that_leave_a_sphere_do_not_meet_it_again(void **state) /* H1, H
         for (int squeezed = 0; squeezed < 2; squeezed++) {
             struct scene *scene = scenes_begin(1, 1);
             float at = centers[c];
-            struct quadric *q = scenes_quadric(scene, QUADRIC_SPHERE, at, at, -at, fmaxf(1, at * 1e-3f), scenes_diffuse(scene, 0.5f), 0);
+            struct quadric *q = scenes_quadric(scene, QUADRIC_SPHERE, at, at, -at,
+                                               fmaxf(1, at * 1e-3f), scenes_diffuse(scene, 0.5f),
+                                               0);
             if (squeezed) {
                 q->to_world[8] = 0.25f;
                 q->to_object[8] = 4;
@@ -369,8 +388,8 @@ static void rays_that_leave_a_sphere_do_not_meet_it_again(void **state) /* H1, H
                 total += (unsigned)__builtin_popcount(i8_bits(hit));
             }
             if (outer > 0 || inner > 0 || total < 50000)
-                fail_msg("at %g: of %u rays %u hit again from outside, %u escape from inside", (double)at,
-                         total, outer, inner);
+                fail_msg("at %g: of %u rays %u hit again from outside, %u escape from inside",
+                         (double)at, total, outer, inner);
             kernel_close(ks);
             scene_free(scene);
         }
@@ -379,17 +398,21 @@ static void rays_that_leave_a_sphere_do_not_meet_it_again(void **state) /* H1, H
 static void tangents_and_insides_have_as_many_roots_as_they_should(void **state) /* H9 */
 {
     (void)state;
-    struct quadric q = { .kind = QUADRIC_SPHERE, .radius = 2, .z_min = -2, .z_max = 2, .phi_max = 7 };
+    struct quadric q = {
+        .kind = QUADRIC_SPHERE, .radius = 2, .z_min = -2, .z_max = 2, .phi_max = 7
+    };
     for (int k = 0; k < 9; k += 4)
         q.to_object[k] = q.to_world[k] = 1;
     const f8 far = F8(__builtin_inff());
     f8 t;
-    i8 hit = quadric_intersect(&q, I8(-1), vec3x8_all(2, 0, -5), vec3x8_all(0, 0, 1), F8(0), far, &t);
+    i8 hit = quadric_intersect(&q, I8(-1), vec3x8_all(2, 0, -5), vec3x8_all(0, 0, 1), F8(0), far,
+                               &t);
     assert_int_equal(i8_bits(hit), 255);
     EXPECT_NEAR(t[0], 5, 1e-6);
     struct random_lanes r = { 99, 0 };
     for (int i = 0; i < 20000; i++) {
-        struct vec3x8 o = vec3x8_scale(random_direction(&r), random_f8(&r) * 1.999f), d = random_direction(&r);
+        struct vec3x8 o = vec3x8_scale(random_direction(&r), random_f8(&r) * 1.999f),
+                      d = random_direction(&r);
         hit = quadric_intersect(&q, I8(-1), o, d, F8(0), far, &t);
         assert_int_equal(i8_bits(hit & (t > 0)), 255);
         f8 radius = f8_sqrt(vec3x8_length2(vec3x8_along(o, d, t)));

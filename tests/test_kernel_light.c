@@ -66,8 +66,8 @@ static void lights_close(struct lights *l)
 enum plant { SOUND, WEIGHT_SMALL, COSINE_DROPPED, PDF_LARGE };
 
 /* Form factor from p with normal n: the mean of L cos / (pi pdf) */
-static struct tally irradiance(const struct lights *l, const float p[3], const double n[3], int samples,
-                               enum plant plant)
+static struct tally irradiance(const struct lights *l, const float p[3], const double n[3],
+                               int samples, enum plant plant)
 {
     struct random_lanes r = { 42, 0 };
     struct tally t = { 0 };
@@ -89,15 +89,16 @@ static struct tally irradiance(const struct lights *l, const float p[3], const d
     return t;
 }
 
-static void expect_irradiance(struct lights *l, const char *what, const float p[3], const double n[3],
-                              double want)
+static void expect_irradiance(struct lights *l, const char *what, const float p[3],
+                              const double n[3], double want)
 {
     struct tally t = irradiance(l, p, n, 200000, SOUND);
     if (!(tally_z(&t, want) < 4.5))
         fail_msg("%s: %.9g, want %.9g, z = %.1f", what, tally_mean(&t), want, tally_z(&t, want));
 }
 
-static void expect_planted_bugs_seen(struct lights *l, const float p[3], const double n[3], double want)
+static void expect_planted_bugs_seen(struct lights *l, const float p[3], const double n[3],
+                                     double want)
 {
     for (int plant = WEIGHT_SMALL; plant <= PDF_LARGE; plant++) {
         struct tally t = irradiance(l, p, n, 200000, (enum plant)plant);
@@ -112,7 +113,9 @@ static void squares_have_their_form_factors(void **state)
 {
     (void)state;
     struct lights l = lights_begin();
-    static const float above[4][3] = { { -.5f, -.5f, 1 }, { -.5f, .5f, 1 }, { .5f, .5f, 1 }, { .5f, -.5f, 1 } };
+    static const float above[4][3] = {
+        { -.5f, -.5f, 1 }, { -.5f, .5f, 1 }, { .5f, .5f, 1 }, { .5f, -.5f, 1 }
+    };
     scenes_quad(l.scene, above, l.black, 1);
     lights_open(&l);
     expect_irradiance(&l, "square above", origin, up, 0.239456470461);
@@ -120,7 +123,9 @@ static void squares_have_their_form_factors(void **state)
     lights_close(&l);
 
     l = lights_begin();
-    static const float beside[4][3] = { { .5f, 0, 0 }, { .5f, 0, 1 }, { .5f, 2, 1 }, { .5f, 2, 0 } };
+    static const float beside[4][3] = {
+        { .5f, 0, 0 }, { .5f, 0, 1 }, { .5f, 2, 1 }, { .5f, 2, 0 }
+    };
     scenes_quad(l.scene, beside, l.black, 1);
     lights_open(&l);
     expect_irradiance(&l, "rectangle beside", origin, up, 0.135488396965);
@@ -160,14 +165,25 @@ static void triangles_light_as_lambert_says(void **state) /* H39 */
 {
     (void)state;
     static const float triangles[5][3][3] = {
-        { { -0.443432f, 0.596366f, 0.495985f }, { -0.320397f, 0.0677699f, -0.229359f }, { 0.0341197f, 0.11415f, -0.343049f } },
-        { { 0.461963f, 0.397843f, 0.412747f }, { -0.0381582f, 0.851323f, -0.156872f }, { 0.195443f, 0.891957f, -0.260672f } },
-        { { 0.100871f, 0.289075f, -0.422609f }, { -0.308386f, 0.629587f, 0.423966f }, { -0.373132f, 0.237287f, 0.351592f } },
-        { { -0.17575f, 0.639397f, 0.151268f }, { 0.318604f, 0.732996f, 0.459771f }, { 0.139095f, 0.294498f, 0.478556f } },
-        { { -0.17487f, 0.447916f, 0.367201f }, { -0.405259f, 0.249607f, -0.354079f }, { 0.356029f, 0.0918984f, -0.132271f } },
+        { { -0.443432f, 0.596366f, 0.495985f },
+          { -0.320397f, 0.0677699f, -0.229359f },
+          { 0.0341197f, 0.11415f, -0.343049f } },
+        { { 0.461963f, 0.397843f, 0.412747f },
+          { -0.0381582f, 0.851323f, -0.156872f },
+          { 0.195443f, 0.891957f, -0.260672f } },
+        { { 0.100871f, 0.289075f, -0.422609f },
+          { -0.308386f, 0.629587f, 0.423966f },
+          { -0.373132f, 0.237287f, 0.351592f } },
+        { { -0.17575f, 0.639397f, 0.151268f },
+          { 0.318604f, 0.732996f, 0.459771f },
+          { 0.139095f, 0.294498f, 0.478556f } },
+        { { -0.17487f, 0.447916f, 0.367201f },
+          { -0.405259f, 0.249607f, -0.354079f },
+          { 0.356029f, 0.0918984f, -0.132271f } },
     };
     /* Radiance of a receiver of albedo .5 */
-    const double L[5] = { 0.08983925852, 0.02292004042, 0.05341954023, 0.02053139149, 0.2617398589 };
+    const double L[5] = { 0.08983925852, 0.02292004042, 0.05341954023, 0.02053139149,
+                          0.2617398589 };
     for (int i = 0; i < 5; i++) {
         struct lights l = lights_begin();
         scenes_polygon(l.scene, triangles[i], 3, l.black, 1);
@@ -186,8 +202,8 @@ static void disks_have_their_form_factors(void **state)
     lights_open(&l);
     expect_irradiance(&l, "disk on axis", origin, (const double[3]){ 0, 0, -1 }, 0.5);
     expect_planted_bugs_seen(&l, origin, (const double[3]){ 0, 0, -1 }, 0.5);
-    expect_irradiance(&l, "disk off axis", (const float[3]){ 1, 0, 0 }, (const double[3]){ 0, 0, -1 },
-                      0.276393202250);
+    expect_irradiance(&l, "disk off axis", (const float[3]){ 1, 0, 0 },
+                      (const double[3]){ 0, 0, -1 }, 0.276393202250);
     lights_close(&l);
 }
 
@@ -217,7 +233,8 @@ static void spheres_light_also_when_the_horizon_cuts_them(void **state) /* H35 *
     for (int i = 0; i < 3; i++) {
         const float z[3] = { 0, 0.5f, 0.999f };
         l = lights_begin();
-        scenes_quadric(l.scene, QUADRIC_SPHERE, 0, 0, 0, 1, l.black, 1)->flags |= QUADRIC_FLIP_NORMAL;
+        scenes_quadric(l.scene, QUADRIC_SPHERE, 0, 0, 0, 1, l.black, 1)->flags |=
+            QUADRIC_FLIP_NORMAL;
         lights_open(&l);
         const float p[3] = { 0, 0, z[i] };
         struct tally t = irradiance(&l, p, (const double[3]){ 0.6, 0.8, 0 }, 400000, SOUND);
@@ -344,8 +361,13 @@ static void aim_sample(void *self, struct random_lanes *r, struct vec3x8 *w, i8 
 static void expect_density(struct aim *a, const char *what, const float axis[3], double power,
                            double slack)
 {
-    struct chi2_case c = { .self = a, .axis = { axis[0], axis[1], axis[2] }, .power = power,
-                           .samples = 100000, .seed = 9, .pdf = aim_pdf, .sample = aim_sample };
+    struct chi2_case c = { .self = a,
+                           .axis = { axis[0], axis[1], axis[2] },
+                           .power = power,
+                           .samples = 100000,
+                           .seed = 9,
+                           .pdf = aim_pdf,
+                           .sample = aim_sample };
     struct chi2_result r = chi2_run(&c);
     if (!(r.p > CHI2_ALPHA))
         fail_msg("%s: p = %g", what, r.p);
@@ -353,7 +375,8 @@ static void expect_density(struct aim *a, const char *what, const float axis[3],
     if (r.outside > 20)
         fail_msg("%s: %llu samples where the density is zero", what, r.outside);
     if (!chi2_scale_right(&r, c.samples, slack))
-        fail_msg("%s: the density integrates to %g, %g of the samples are valid", what, r.integral, r.share);
+        fail_msg("%s: the density integrates to %g, %g of the samples are valid", what, r.integral,
+                 r.share);
     a->scale = 1.02f;
     r = chi2_run(&c);
     if (slack < 0.015 && chi2_scale_right(&r, c.samples, slack))
@@ -439,7 +462,8 @@ static double fan_p(struct lights *l, const float (*c)[3], int corners, bool pla
                 halves[half][1][k] = p[1 + half][k];
                 halves[half][2][k] = p[2 + half][k];
             }
-        mass[cell] = solid_angle((const double(*)[3])halves[0]) + solid_angle((const double(*)[3])halves[1]);
+        mass[cell] = solid_angle((const double(*)[3])halves[0]) +
+                     solid_angle((const double(*)[3])halves[1]);
         *omega += mass[cell];
     }
     for (int cell = 0; cell < cells; cell++)
@@ -456,7 +480,8 @@ static double fan_p(struct lights *l, const float (*c)[3], int corners, bool pla
             if (!s.valid[lane])
                 fail_msg("a sample of a polygon in full view is not valid");
             EXPECT_NEAR((double)s.pdf[lane] * *omega, 1, *omega < 1e-5 ? 0.1 : 2e-4);
-            const double w[3] = { (double)s.wi.x[lane], (double)s.wi.y[lane], (double)s.wi.z[lane] };
+            const double w[3] = { (double)s.wi.x[lane], (double)s.wi.y[lane],
+                                  (double)s.wi.z[lane] };
             int cell = 0;
             double best = -1, inside;
             for (int i = 0; i < corners - 2; i++) {
@@ -476,12 +501,18 @@ static void directions_to_polygons_are_uniform_in_solid_angle(void **state) /* H
 {
     (void)state;
     static const struct polygon_case cases[] = {
-        { "triangle", 3, 1, 1, 0 },          { "quad, tilted", 4, 1, 2, 60 },
-        { "pentagon", 5, 1, 1, 30 },         { "hexagon, huge", 6, 1, 0.05, 0 },
-        { "hexagon, touching", 6, 1, 1e-3, 0 }, { "heptagon", 7, 1, 3, 20 },
-        { "octagon", 8, 1, 1, 75 },          { "triangle, small", 3, 1, 100, 10 },
-        { "quad, below the limit", 4, 1, 2000, 40 }, { "octagon, far", 8, 1, 300, 20 },
-        { "triangle, vast", 3, 100, 1, 0 },  { "quad, nearly edge-on", 4, 1, 3, 85 },
+        { "triangle", 3, 1, 1, 0 },
+        { "quad, tilted", 4, 1, 2, 60 },
+        { "pentagon", 5, 1, 1, 30 },
+        { "hexagon, huge", 6, 1, 0.05, 0 },
+        { "hexagon, touching", 6, 1, 1e-3, 0 },
+        { "heptagon", 7, 1, 3, 20 },
+        { "octagon", 8, 1, 1, 75 },
+        { "triangle, small", 3, 1, 100, 10 },
+        { "quad, below the limit", 4, 1, 2000, 40 },
+        { "octagon, far", 8, 1, 300, 20 },
+        { "triangle, vast", 3, 100, 1, 0 },
+        { "quad, nearly edge-on", 4, 1, 3, 85 },
     };
     for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
         float corners[8][3];
@@ -500,7 +531,8 @@ static void directions_to_polygons_are_uniform_in_solid_angle(void **state) /* H
         double p = fan_p(&l, (const float(*)[3])corners, cases[i].corners, false, &omega);
         if (!(p > CHI2_ALPHA))
             fail_msg("%s: p = %g", cases[i].what, p);
-        assert_true(fan_p(&l, (const float(*)[3])corners, cases[i].corners, true, &omega) < CHI2_CAUGHT);
+        assert_true(fan_p(&l, (const float(*)[3])corners, cases[i].corners, true, &omega) <
+                    CHI2_CAUGHT);
         lights_close(&l);
     }
 }
@@ -514,18 +546,23 @@ static void directions_to_spheres_and_disks_follow_their_density(void **state) /
         float z, radius;
         double power;
     } cases[] = {
-        { "sphere", QUADRIC_SPHERE, 2, 1, 1.5 },   { "sphere, far", QUADRIC_SPHERE, 1e3f, 1, 8 },
-        { "sphere, close", QUADRIC_SPHERE, 1.01f, 1, 1 }, { "sphere, inside", QUADRIC_SPHERE, 0.4f, 1, 1 },
-        { "disk", QUADRIC_DISK, -1, 1, 1.5 },      { "disk, far", QUADRIC_DISK, -3, 1, 2 },
+        { "sphere", QUADRIC_SPHERE, 2, 1, 1.5 },
+        { "sphere, far", QUADRIC_SPHERE, 1e3f, 1, 8 },
+        { "sphere, close", QUADRIC_SPHERE, 1.01f, 1, 1 },
+        { "sphere, inside", QUADRIC_SPHERE, 0.4f, 1, 1 },
+        { "disk", QUADRIC_DISK, -1, 1, 1.5 },
+        { "disk, far", QUADRIC_DISK, -3, 1, 2 },
     };
     for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
         struct lights l = lights_begin();
-        struct quadric *q = scenes_quadric(l.scene, cases[i].kind, 0, 0, cases[i].z, cases[i].radius, l.black, 1);
+        struct quadric *q = scenes_quadric(l.scene, cases[i].kind, 0, 0, cases[i].z,
+                                           cases[i].radius, l.black, 1);
         if (cases[i].kind == QUADRIC_SPHERE && cases[i].z < cases[i].radius)
             q->flags |= QUADRIC_FLIP_NORMAL;
         lights_open(&l);
         struct aim a = { &l, &l.scene->lights[0], 1 };
-        expect_density(&a, cases[i].what, (const float[3]){ 0, 0, cases[i].z }, cases[i].power, 1e-2);
+        expect_density(&a, cases[i].what, (const float[3]){ 0, 0, cases[i].z }, cases[i].power,
+                       1e-2);
         lights_close(&l);
     }
 }
@@ -651,11 +688,18 @@ static void delta_lights_fall_off_as_they_should(void **state)
 {
     (void)state;
     struct lights l = lights_begin();
-    scenes_light(l.scene, (struct light){ .kind = LIGHT_POINT, .radiance = { 8, 8, 8 }, .position = { 0, 0, 2 } });
-    scenes_light(l.scene, (struct light){ .kind = LIGHT_SPOT, .radiance = { 9, 9, 9 }, .position = { 0, 0, 3 },
-                                          .direction = { 0, 0, -1 }, .cos_falloff_start = 0.9f,
+    scenes_light(
+        l.scene,
+        (struct light){ .kind = LIGHT_POINT, .radiance = { 8, 8, 8 }, .position = { 0, 0, 2 } });
+    scenes_light(l.scene, (struct light){ .kind = LIGHT_SPOT,
+                                          .radiance = { 9, 9, 9 },
+                                          .position = { 0, 0, 3 },
+                                          .direction = { 0, 0, -1 },
+                                          .cos_falloff_start = 0.9f,
                                           .cos_falloff_end = 0.5f });
-    scenes_light(l.scene, (struct light){ .kind = LIGHT_DISTANT, .radiance = { 7, 7, 7 }, .direction = { 0, -1, 0 } });
+    scenes_light(l.scene, (struct light){ .kind = LIGHT_DISTANT,
+                                          .radiance = { 7, 7, 7 },
+                                          .direction = { 0, -1, 0 } });
     lights_open(&l);
     struct vec3x8 p = vec3x8_all(0, 0, 0);
     const double want[3] = { 8.0 / 4, 9.0 / 9, 7 };
@@ -689,7 +733,8 @@ static void lights_are_chosen_as_often_as_they_say(void **state) /* H42, H46 */
             bool sky = counts[i] > 1 && k == counts[i] * (counts[i] % 3) / 2 % counts[i];
             float pick = (float)pow(10, -12 * random_double(&r) * (counts[i] > 5));
             scenes_light(l.scene, (struct light){ .kind = sky ? LIGHT_SKY : LIGHT_POINT,
-                                                  .radiance = { 1, 1, 1 }, .pick = pick });
+                                                  .radiance = { 1, 1, 1 },
+                                                  .pick = pick });
         }
         lights_open(&l);
         static unsigned hits[SCENES_CAPACITY];
@@ -707,10 +752,12 @@ static void lights_are_chosen_as_often_as_they_say(void **state) /* H42, H46 */
             double does = hits[k] * 0x1p-24;
             bool sky = l.scene->lights[k].kind == LIGHT_SKY;
             if (sky ? does > 0 || says > 0 : !(does > 0))
-                fail_msg("%u lights: light %u is chosen with %g, says %g", counts[i], k, does, says);
+                fail_msg("%u lights: light %u is chosen with %g, says %g", counts[i], k, does,
+                         says);
             /* Numbers come in steps of 2^-24, and so do choices */
             if (fabs(does - says) > 0x1p-23)
-                fail_msg("%u lights: light %u says %g and is chosen with %g", counts[i], k, says, does);
+                fail_msg("%u lights: light %u says %g and is chosen with %g", counts[i], k, says,
+                         does);
         }
         lights_close(&l);
     }

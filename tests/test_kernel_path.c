@@ -1,7 +1,7 @@
 /*
  * The path kernels as a whole: closed scenes with known radiance, the same bits however they are
- * made, and the bookkeeping of what was cut and what went wrong. H numbers are those of the numerics
- * notes, section 2. Runs for about ten seconds.
+ * made, and the bookkeeping of what was cut and what went wrong. H numbers are those of the
+ * numerics notes, section 2. Runs for about ten seconds.
  */
 #include "tests/chi2.h"
 #include "tests/kernel_scenes.h"
@@ -42,13 +42,17 @@ static struct scene *room(struct material first, struct material second, uint32_
     scene->settings.camera.position[2] = -0.9f;
     uint32_t white = scenes_diffuse(scene, 0.6f);
     scenes_box(scene, low, high, white, 0);
-    static const float lamp[4][3] = {
-        { -0.3f, 0.95f, -0.3f }, { 0.3f, 0.95f, -0.3f }, { 0.3f, 0.95f, 0.3f }, { -0.3f, 0.95f, 0.3f }
-    };
+    static const float lamp[4][3] = { { -0.3f, 0.95f, -0.3f },
+                                      { 0.3f, 0.95f, -0.3f },
+                                      { 0.3f, 0.95f, 0.3f },
+                                      { -0.3f, 0.95f, 0.3f } };
     scenes_quad(scene, lamp, white, 4);
     if (first.kind != MATERIAL_DIFFUSE)
-        scenes_quadric(scene, QUADRIC_SPHERE, -0.4f, -0.6f, 0.2f, 0.35f, scenes_material(scene, first), 0);
-    static const float flag[3][3] = { { 0.1f, -0.8f, 0.2f }, { 0.8f, -0.7f, 0.4f }, { 0.4f, 0.1f, 0.3f } };
+        scenes_quadric(scene, QUADRIC_SPHERE, -0.4f, -0.6f, 0.2f, 0.35f,
+                       scenes_material(scene, first), 0);
+    static const float flag[3][3] = { { 0.1f, -0.8f, 0.2f },
+                                      { 0.8f, -0.7f, 0.4f },
+                                      { 0.4f, 0.1f, 0.3f } };
     scenes_polygon(scene, flag, 3, scenes_material(scene, second), 0);
     return scene;
 }
@@ -63,7 +67,8 @@ static void a_closed_furnace_has_its_radiance(void **state)
         struct picture *p = picture_take(scene, (struct picture_how){ .samples = 64 });
         double want = 1 / (1 - (double)rhos[i]);
         if (picture_z(p, want) > 4.5)
-            fail_msg("rho %g: %.6g, want %g, z = %g", (double)rhos[i], p->mean, want, picture_z(p, want));
+            fail_msg("rho %g: %.6g, want %g, z = %g", (double)rhos[i], p->mean, want,
+                     picture_z(p, want));
         if (i > 0) /* planted: an albedo 1 % too small */
             assert_true(picture_z(p, 1 / (1 - 0.99 * (double)rhos[i])) > 8);
         assert_int_equal(p->failed, 0);
@@ -154,10 +159,14 @@ static void every_variant_gives_the_bits_of_everything(void **state)
 {
     (void)state;
     const struct material plain = { .reflectance = { 0.5f, 0.4f, 0.3f } };
-    const struct material metal = { .kind = MATERIAL_CONDUCTOR, .eta = { 0.2f, 0.9f, 1.1f },
+    const struct material metal = { .kind = MATERIAL_CONDUCTOR,
+                                    .eta = { 0.2f, 0.9f, 1.1f },
                                     .k = { 3.9f, 2.4f, 2.1f } };
-    const struct material coat = { .kind = MATERIAL_COAT, .ior = 1.5f, .alpha = { 0.2f, 0.2f },
-                                   .reflectance = { 0.5f, 0.4f, 0.3f }, .coat_inner = 0.6f,
+    const struct material coat = { .kind = MATERIAL_COAT,
+                                   .ior = 1.5f,
+                                   .alpha = { 0.2f, 0.2f },
+                                   .reflectance = { 0.5f, 0.4f, 0.3f },
+                                   .coat_inner = 0.6f,
                                    .coat_scale = 0.14f };
     const struct {
         const char *variant;
@@ -183,14 +192,16 @@ static void every_variant_gives_the_bits_of_everything(void **state)
 
         /* As do one lane or three instead of eight, and lanes of two halves */
         for (uint32_t lanes = 1; lanes <= 3; lanes += 2) {
-            struct picture *c = picture_take(scene, (struct picture_how){ .samples = 8, .lanes = lanes });
+            struct picture *c = picture_take(scene,
+                                             (struct picture_how){ .samples = 8, .lanes = lanes });
             if (!picture_same(a, c))
                 fail_msg("%s: %u lanes give different bits", a->variant, lanes);
             picture_free(c);
         }
         setenv("PATHFARM_LANES", "base", 1);
         for (uint32_t kernel = 0; kernel < 2; kernel++) {
-            struct picture *c = picture_take(scene, (struct picture_how){ .samples = 8, .kernel = kernel });
+            struct picture *c = picture_take(
+                scene, (struct picture_how){ .samples = 8, .kernel = kernel });
             if (!picture_same(a, c))
                 fail_msg("%s: without AVX2 the bits are different", c->variant);
             picture_free(c);
@@ -232,7 +243,9 @@ static void a_thin_occluder_close_to_a_far_light_shadows(void **state) /* H3 */
         struct scene *scene = scenes_begin(8, 8);
         uint32_t white = scenes_diffuse(scene, 0.5f), black = scenes_diffuse(scene, 0);
         /* A floor before the camera, facing it; the light 1e4 behind the camera */
-        static const float floor[4][3] = { { -10, -10, 2 }, { -10, 10, 2 }, { 10, 10, 2 }, { 10, -10, 2 } };
+        static const float floor[4][3] = {
+            { -10, -10, 2 }, { -10, 10, 2 }, { 10, 10, 2 }, { 10, -10, 2 }
+        };
         scenes_quad(scene, floor, white, 0);
         const float s = 2000, z = -1e4f;
         const float light[4][3] = { { -s, -s, z }, { s, -s, z }, { s, s, z }, { -s, s, z } };
@@ -258,8 +271,11 @@ static void light_that_cannot_get_out_is_cut_and_counted(void **state) /* H21 */
     struct scene *scene = scenes_begin(32, 32);
     /* From the middle of a glass box towards a corner every wall reflects totally */
     struct camera *c = &scene->settings.camera;
-    *c = (struct camera){ .right = { 0.01f, -0.01f, 0 }, .up = { 0, 0.01f, -0.01f }, .forward = { 1, 1, 1 },
-                          .screen = { -1, 1, -1, 1 }, .position = { 0.03f, 0.02f, 0.01f } };
+    *c = (struct camera){ .right = { 0.01f, -0.01f, 0 },
+                          .up = { 0, 0.01f, -0.01f },
+                          .forward = { 1, 1, 1 },
+                          .screen = { -1, 1, -1, 1 },
+                          .position = { 0.03f, 0.02f, 0.01f } };
     scenes_box(scene, low, high, scenes_material(scene, glass(0)), 0);
     /* scenes_box looks inwards; glass must have its normals outwards */
     for (uint32_t i = 0; i < scene->mesh_count; i++)
@@ -312,7 +328,8 @@ static struct picture *lit_from_inside(int walls, float sky, uint32_t kernel)
         scenes_box(scene, low, high, scenes_diffuse(scene, 0.8f), 0);
     scenes_quadric(scene, QUADRIC_SPHERE, 0, 0, 0.6f, 0.2f, scenes_diffuse(scene, 0), 10);
     scenes_finish(scene);
-    struct picture *p = picture_take(scene, (struct picture_how){ .samples = 64, .kernel = kernel });
+    struct picture *p = picture_take(scene,
+                                     (struct picture_how){ .samples = 64, .kernel = kernel });
     scene_free(scene);
     return p;
 }
@@ -422,7 +439,8 @@ static void smooth_normals_leak_no_light(void **state) /* H15 */
     scenes_sky(scene, 1);
     for (uint32_t i = 0; i < scene->vertex_count; i++)
         for (int axis = 0; axis < 3; axis++)
-            scene->normals[3 * i + (uint32_t)axis] = -scene->positions[3 * i + (uint32_t)axis] * 0.57735027f;
+            scene->normals[3 * i + (uint32_t)axis] = -scene->positions[3 * i + (uint32_t)axis] *
+                                                     0.57735027f;
     scene->normal_count = scene->vertex_count;
     for (uint32_t i = 0; i < scene->mesh_count; i++)
         scene->meshes[i].flags |= MESH_NORMALS;

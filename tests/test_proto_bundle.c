@@ -11,10 +11,10 @@
 #include "proto/frame.h"
 #include "tests/scratch.h"
 
+#include <cmocka.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
-#include <cmocka.h>
 #include <unistd.h>
 
 #define VERTICES  800000u /* three slices of positions */
@@ -27,8 +27,9 @@ static struct mesh meshes[2] = { { .material = 1, .triangle_count = 20 }, { .mat
 static struct material materials[1] = { { .ior = 1.5f } };
 static float light_corners[3 * VERTICES / 1000];
 static struct scene scene;
-static const struct job_spec spec = { .seed = 7, .replicates = 4, .leaf_samples = 4,
-                                      .channel_count = 3 };
+static const struct job_spec spec = {
+    .seed = 7, .replicates = 4, .leaf_samples = 4, .channel_count = 3
+};
 
 static int prepare(void **state)
 {
@@ -80,7 +81,8 @@ static Pathfarm__Job *job_over_the_wire(const struct bundle *bundle)
     size_t size = frame_head_size(&job.base);
     uint8_t *bytes = malloc(size);
     assert_true(frame_head(&job.base, 0, bytes, NULL));
-    struct frame frame = { .kind = PATHFARM__KIND__KIND_JOB, .payload = bytes + FRAME_HEADER_SIZE,
+    struct frame frame = { .kind = PATHFARM__KIND__KIND_JOB,
+                           .payload = bytes + FRAME_HEADER_SIZE,
                            .payload_size = size - FRAME_HEADER_SIZE };
     Pathfarm__Job *back = frame_message(&frame, NULL);
     assert_non_null(back);
@@ -129,16 +131,16 @@ static void expect_the_scene(struct assembly *assembly)
     const struct scene *got = assembly_scene(assembly);
     assert_memory_equal(&got->settings, &scene.settings, sizeof(scene.settings));
     assert_memory_equal(assembly_spec(assembly), &spec, sizeof(spec));
-#define X(member, count_member, type, per_count)                                       \
-    {                                                                                  \
-        size_t size = (size_t)scene.count_member * (per_count) * sizeof(type);         \
-        const uint8_t *bytes = (const uint8_t *)got->member;                           \
-        assert_int_equal(got->count_member, scene.count_member);                       \
-        assert_int_equal((uintptr_t)bytes % 64, 0);                                    \
-        if (size > 0)                                                                  \
-            assert_memory_equal(bytes, scene.member, size);                            \
-        for (size_t after = 0; after < 16; after++)                                    \
-            assert_int_equal(bytes[size + after], 0);                                  \
+#define X(member, count_member, type, per_count)                               \
+    {                                                                          \
+        size_t size = (size_t)scene.count_member * (per_count) * sizeof(type); \
+        const uint8_t *bytes = (const uint8_t *)got->member;                   \
+        assert_int_equal(got->count_member, scene.count_member);               \
+        assert_int_equal((uintptr_t)bytes % 64, 0);                            \
+        if (size > 0)                                                          \
+            assert_memory_equal(bytes, scene.member, size);                    \
+        for (size_t after = 0; after < 16; after++)                            \
+            assert_int_equal(bytes[size + after], 0);                          \
     }
     SCENE_ARRAYS(X)
 #undef X
@@ -273,7 +275,9 @@ static void damaged_and_invented_slices_are_refused_with_a_reason(void **state)
         if (how != 6)
             memcpy(list, message.slice_digests.data, sizeof(list));
         switch (how) {
-        case 0: bad[77] ^= 1; break;
+        case 0:
+            bad[77] ^= 1;
+            break;
         case 1: /* damaged, with a checksum to match */
         case 2: /* and a list to match as well */
             bad[77] ^= 1;
@@ -285,13 +289,27 @@ static void damaged_and_invented_slices_are_refused_with_a_reason(void **state)
                 message.slice_digests.data = list;
             }
             break;
-        case 3: message.slice_digests.len = 2 * DIGEST_SIZE; break;
-        case 4: size--; break;
-        case 5: message.slice_total++; break;
-        case 6: break; /* slice 1, of which no list is known */
-        case 7: memset(forged, 1, DIGEST_SIZE); message.digest.data = forged; break;
-        case 8: message.digest.len = 0; break;
-        case 9: message.checksum.len = 0; break;
+        case 3:
+            message.slice_digests.len = 2 * DIGEST_SIZE;
+            break;
+        case 4:
+            size--;
+            break;
+        case 5:
+            message.slice_total++;
+            break;
+        case 6:
+            break; /* slice 1, of which no list is known */
+        case 7:
+            memset(forged, 1, DIGEST_SIZE);
+            message.digest.data = forged;
+            break;
+        case 8:
+            message.digest.len = 0;
+            break;
+        case 9:
+            message.checksum.len = 0;
+            break;
         }
         assert_false(assembly_slice(assembly, &message, bad, size, &err));
         assert_int_equal(err.code, cases[how].code);
@@ -328,16 +346,37 @@ static void jobs_that_do_not_add_up_are_refused_with_a_reason(void **state)
         uint64_t quota = LIMIT_GIB;
         size_t object_count = job->n_objects;
         switch (how) {
-        case 0: job->n_objects = 10; break;
-        case 1: first->name[0] = 'q'; break;
-        case 2: first->size_bytes++; break;
-        case 3: first->count = UINT64_C(1) << 40; first->size_bytes = first->count * 12; break;
-        case 4: first->digest.len = 31; break;
-        case 5: job->settings.len--; break;
-        case 6: job->spec.len = 0; break;
-        case 7: job->digest.data[0] ^= 1; break;
-        case 8: job->spec.data[0] ^= 1; break;
-        case 9: quota = bundle_size(bundle) - 1; break;
+        case 0:
+            job->n_objects = 10;
+            break;
+        case 1:
+            first->name[0] = 'q';
+            break;
+        case 2:
+            first->size_bytes++;
+            break;
+        case 3:
+            first->count = UINT64_C(1) << 40;
+            first->size_bytes = first->count * 12;
+            break;
+        case 4:
+            first->digest.len = 31;
+            break;
+        case 5:
+            job->settings.len--;
+            break;
+        case 6:
+            job->spec.len = 0;
+            break;
+        case 7:
+            job->digest.data[0] ^= 1;
+            break;
+        case 8:
+            job->spec.data[0] ^= 1;
+            break;
+        case 9:
+            quota = bundle_size(bundle) - 1;
+            break;
         }
         assert_null(assembly_new(job, quota, &err));
         if (strstr(err.text, says[how]) == NULL)

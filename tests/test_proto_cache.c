@@ -4,11 +4,11 @@
 #include "proto/limits.h"
 #include "tests/scratch.h"
 
+#include <cmocka.h>
+#include <fcntl.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
-#include <cmocka.h>
-#include <fcntl.h>
 #include <sys/file.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
@@ -116,12 +116,24 @@ static void damaged_files_count_as_absent_and_go(void **state)
         struct digest digest = put(cache, content, sizeof(content));
         const char *path = file_of(&digest);
         switch (damage) {
-        case 0: flip(path, 0); break;
-        case 1: flip(path, sizeof(content) - 1); break;
-        case 2: flip(path, sizeof(content) + 63); break; /* the padding */
-        case 3: assert_int_equal(truncate(path, 20), 0); break;
-        case 4: assert_int_equal(truncate(path, 20000), 0); break;
-        case 5: assert_int_equal(truncate(path, 0), 0); break;
+        case 0:
+            flip(path, 0);
+            break;
+        case 1:
+            flip(path, sizeof(content) - 1);
+            break;
+        case 2:
+            flip(path, sizeof(content) + 63);
+            break; /* the padding */
+        case 3:
+            assert_int_equal(truncate(path, 20), 0);
+            break;
+        case 4:
+            assert_int_equal(truncate(path, 20000), 0);
+            break;
+        case 5:
+            assert_int_equal(truncate(path, 0), 0);
+            break;
         case 6: /* a link to a perfect copy elsewhere */
             assert_int_equal(rename(path, scratch_path(dir, "elsewhere")), 0);
             assert_int_equal(symlink(scratch_path(dir, "elsewhere"), path), 0);

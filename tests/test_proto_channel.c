@@ -7,13 +7,13 @@
 #include "proto/keys.h"
 #include "tests/scratch.h"
 
+#include <arpa/inet.h>
+#include <cmocka.h>
+#include <openssl/ssl.h>
+#include <pthread.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
-#include <cmocka.h>
-#include <arpa/inet.h>
-#include <openssl/ssl.h>
-#include <pthread.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -173,17 +173,17 @@ static void pair_listen(struct pair *pair, const struct channel_options *options
 
 static void pair_connect(struct pair *pair, const struct channel_options *options)
 {
-    pair->worker.channel =
-        channel_connect(&pair->loop, "127.0.0.1", channel_listener_port(pair->listener), options,
-                        &events, &pair->worker, NULL);
+    pair->worker.channel = channel_connect(&pair->loop, "127.0.0.1",
+                                           channel_listener_port(pair->listener), options, &events,
+                                           &pair->worker, NULL);
     assert_non_null(pair->worker.channel);
 }
 
-#define RUN_UNTIL(pair, condition)                     \
-    do {                                               \
-        while (!(condition) && !(pair)->late)          \
-            uv_run(&(pair)->loop, UV_RUN_ONCE);        \
-        if (!(condition))                              \
+#define RUN_UNTIL(pair, condition)                      \
+    do {                                                \
+        while (!(condition) && !(pair)->late)           \
+            uv_run(&(pair)->loop, UV_RUN_ONCE);         \
+        if (!(condition))                               \
             fail_msg("in vain waited for " #condition); \
     } while (0)
 
@@ -266,8 +266,7 @@ static void thousands_of_results_arrive_in_order(void **state)
     RUN_UNTIL(&pair, channel_queued(pair.worker.channel) == 0);
     assert_int_equal(pair.released, count - count / 3);
     assert_true(channel_bytes_out(pair.worker.channel) >= pair.master.bulk_bytes);
-    assert_int_equal(channel_bytes_out(pair.worker.channel),
-                     channel_bytes_in(pair.master.channel));
+    assert_int_equal(channel_bytes_out(pair.worker.channel), channel_bytes_in(pair.master.channel));
     assert_int_equal(channel_is_tls(pair.master.channel), is_tls(state));
     assert_int_equal(channel_peer_roles(pair.master.channel), ROLE_WORKER);
     assert_int_equal(channel_peer_roles(pair.worker.channel), ROLE_MASTER);
@@ -377,8 +376,9 @@ static void callbacks_may_end_the_channel(void **state)
             assert_true(send_result(&pair, i, 100, NULL));
         RUN_UNTIL(&pair, master->closes == 1 && pair.worker.closes == 1);
         assert_int_equal(master->frames, 1);
-        assert_int_equal(master->err.code,
-                         how == 0 ? ERR_OK : how == 1 ? ERR_CANCELLED : ERR_RENDER);
+        assert_int_equal(master->err.code, how == 0   ? ERR_OK
+                                           : how == 1 ? ERR_CANCELLED
+                                                      : ERR_RENDER);
         assert_int_equal(pair.worker.err.code, ERR_PEER);
         pair_end(&pair);
     }
@@ -499,7 +499,8 @@ static void a_frame_of_the_wrong_role_ends_the_channel(void **state)
 static int raw_connect(const struct pair *pair)
 {
     unsigned port = channel_listener_port(pair->listener);
-    struct sockaddr_in address = { .sin_family = AF_INET, .sin_port = htons((uint16_t)port),
+    struct sockaddr_in address = { .sin_family = AF_INET,
+                                   .sin_port = htons((uint16_t)port),
                                    .sin_addr.s_addr = htonl(INADDR_LOOPBACK) };
     int fd = socket(AF_INET, SOCK_STREAM, 0);
     assert_int_equal(connect(fd, (struct sockaddr *)&address, sizeof(address)), 0);
@@ -723,8 +724,8 @@ static void *run_stranger(void *context)
     SSL_set_fd(ssl, stranger->fd);
     char byte;
     /* TLS 1.3: the client is done before the server has judged it; a read tells */
-    stranger->got_in = SSL_connect(ssl) == 1 && SSL_write(ssl, "x", 1) == 1
-                       && SSL_read(ssl, &byte, 1) == 1;
+    stranger->got_in = SSL_connect(ssl) == 1 && SSL_write(ssl, "x", 1) == 1 &&
+                       SSL_read(ssl, &byte, 1) == 1;
     SSL_free(ssl);
     SSL_CTX_free(ssl_context);
     shutdown(stranger->fd, SHUT_RDWR);
@@ -747,8 +748,8 @@ static void no_certificate_or_an_old_tls_is_refused(void **state)
         struct channel_options master = options(master_keys, ROLE_WORKER);
         pair_init(&pair);
         pair_listen(&pair, &master);
-        struct stranger stranger = { raw_connect(&pair), cases[i].version_max,
-                                     cases[i].certificate, true };
+        struct stranger stranger = { raw_connect(&pair), cases[i].version_max, cases[i].certificate,
+                                     true };
         pthread_t thread;
         assert_int_equal(pthread_create(&thread, NULL, run_stranger, &stranger), 0);
         RUN_UNTIL(&pair, pair.refusals == 1);
@@ -817,9 +818,9 @@ static void a_name_is_looked_up_and_its_addresses_tried_in_turn(void **state)
     struct channel_options worker = options(NULL, ROLE_MASTER);
     pair_init(&pair);
     pair_listen(&pair, &master); /* IPv4 only: localhost may be ::1 first */
-    pair.worker.channel =
-        channel_connect(&pair.loop, "localhost", channel_listener_port(pair.listener), &worker,
-                        &events, &pair.worker, NULL);
+    pair.worker.channel = channel_connect(&pair.loop, "localhost",
+                                          channel_listener_port(pair.listener), &worker, &events,
+                                          &pair.worker, NULL);
     RUN_UNTIL(&pair, pair.worker.opens == 1 && pair.master.channel != NULL);
     pair_end(&pair);
 }
@@ -887,9 +888,11 @@ static int tidy(void **state)
     return 0;
 }
 
-#define BOTH_WAYS(test)                                                       \
-    { #test " (plain)", test, NULL, NULL, (void *)&(static_plain) },          \
-    { #test " (TLS)", test, NULL, NULL, (void *)&(static_tls) }
+#define BOTH_WAYS(test)                                              \
+    { #test " (plain)", test, NULL, NULL, (void *)&(static_plain) }, \
+    {                                                                \
+#test " (TLS)", test, NULL, NULL, (void *)&(static_tls)      \
+    }
 
 static const bool static_plain = false, static_tls = true;
 

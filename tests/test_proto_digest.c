@@ -4,10 +4,10 @@
 #include "proto/limits.h"
 #include "proto/version.h"
 
+#include <cmocka.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
-#include <cmocka.h>
 #include <stdlib.h>
 #include <string.h>
 

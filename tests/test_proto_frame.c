@@ -3,10 +3,10 @@
 #include "common/err.h"
 #include "proto/frame.h"
 
+#include <cmocka.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
-#include <cmocka.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -162,8 +162,8 @@ static void broken_headers_are_refused_before_anything_is_allocated(void **state
           PATHFARM__KIND__KIND_LEASE, 0, ERR_MESSAGE },
         { "a master may not send RESULT", PHASE_WORKING, ROLE_MASTER, 0, 0,
           PATHFARM__KIND__KIND_RESULT, 0, ERR_MESSAGE },
-        { "a user may not send RESULT", PHASE_WORKING, ROLE_USER, 0, 0,
-          PATHFARM__KIND__KIND_RESULT, 0, ERR_MESSAGE },
+        { "a user may not send RESULT", PHASE_WORKING, ROLE_USER, 0, 0, PATHFARM__KIND__KIND_RESULT,
+          0, ERR_MESSAGE },
     };
     for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
         uint8_t header[FRAME_HEADER_SIZE];
@@ -261,7 +261,8 @@ static void a_payload_that_does_not_parse_is_an_error(void **state)
 {
     (void)state;
     const uint8_t garbage[] = { 0xff, 0xff, 0xff, 0xff, 0xff };
-    struct frame frame = { .kind = PATHFARM__KIND__KIND_LEASE, .payload = garbage,
+    struct frame frame = { .kind = PATHFARM__KIND__KIND_LEASE,
+                           .payload = garbage,
                            .payload_size = sizeof(garbage) };
     struct err err = { 0 };
     assert_null(frame_message(&frame, &err));

@@ -3,10 +3,10 @@
 #include "proto/keys.h"
 #include "tests/scratch.h"
 
+#include <cmocka.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
-#include <cmocka.h>
 #include <sys/stat.h>
 #include <unistd.h>
 

@@ -3,11 +3,11 @@
 #include "proto/limits.h"
 #include "proto/node_wire.h"
 
+#include <cmocka.h>
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
-#include <cmocka.h>
-#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -27,9 +27,13 @@
 static struct node_sums *some_sums(void)
 {
     struct node_sums *sums = node_sums_new(PIXELS, CHANNELS);
-    sums->stats = (struct node_stats){ .samples = 1000, .rays_closest = 5000, .rays_shadow = 4000,
-                                       .events = 3000, .nonfinite = { 1, 2, 3 },
-                                       .truncated_paths = 4, .truncated_energy = 0.1,
+    sums->stats = (struct node_stats){ .samples = 1000,
+                                       .rays_closest = 5000,
+                                       .rays_shadow = 4000,
+                                       .events = 3000,
+                                       .nonfinite = { 1, 2, 3 },
+                                       .truncated_paths = 4,
+                                       .truncated_energy = 0.1,
                                        .largest = 12.5f };
     for (uint32_t i = 0; i < PIXELS * CHANNELS; i++)
         sums->values[i] = ldexpf((float)(i + 1) / 3, (int)i - 100) * (i % 2 != 0 ? -1 : 1);
@@ -110,8 +114,8 @@ static void bad_bulks_are_refused_with_a_reason(void **state)
     const float nan_f = NAN, negative_f = -1;
     const struct {
         const char *says;
-        bool failed;    /* start from sums with a failed pixel */
-        long resize;    /* bytes more or less */
+        bool failed; /* start from sums with a failed pixel */
+        long resize; /* bytes more or less */
         size_t at;
         const void *value;
         size_t size;
@@ -146,8 +150,8 @@ static void bad_bulks_are_refused_with_a_reason(void **state)
         memcpy(bad, bulk, size);
         if (cases[i].value != NULL)
             put(bad, cases[i].at, cases[i].value, cases[i].size);
-        assert_null(node_wire_decode(bad, new_size < 0 ? 0 : (size_t)new_size, PIXELS, CHANNELS,
-                                     &err));
+        assert_null(
+            node_wire_decode(bad, new_size < 0 ? 0 : (size_t)new_size, PIXELS, CHANNELS, &err));
         assert_int_equal(err.code, ERR_MESSAGE);
         if (strstr(err.text, cases[i].says) == NULL)
             fail_msg("case %zu: \"%s\" does not say \"%s\"", i, err.text, cases[i].says);

@@ -39,8 +39,9 @@ static const struct job_spec spec = {
 
 static void one_scene(struct scene *scene)
 {
-    *scene = (struct scene){ .settings = { .width = WIDTH, .height = HEIGHT,
-                                           .crop = { 0, WIDTH, 0, HEIGHT } } };
+    *scene = (struct scene){
+        .settings = { .width = WIDTH, .height = HEIGHT, .crop = { 0, WIDTH, 0, HEIGHT } }
+    };
 }
 
 /* What the event loop is to a worker: somebody who can be woken. */
@@ -108,8 +109,7 @@ static void assert_same_sums(const struct node_sums *a, const struct node_sums *
 {
     assert_int_equal(a->pixel_count, b->pixel_count);
     assert_int_equal(a->channel_count, b->channel_count);
-    assert_memory_equal(a->values, b->values,
-                        sizeof(float) * a->pixel_count * a->channel_count);
+    assert_memory_equal(a->values, b->values, sizeof(float) * a->pixel_count * a->channel_count);
     assert_memory_equal(&a->stats, &b->stats, sizeof(a->stats));
     assert_memory_equal(a->failed, b->failed, sizeof(a->failed));
 }
@@ -118,8 +118,8 @@ static void any_number_of_threads_gives_the_bits_of_the_definition(void **state)
 {
     (void)state;
     static const struct node_id nodes[] = {
-        { 0, 0, 0, 0 }, { 2, 1, 5, 0 }, { 5, 3, 3, 7 }, { 1, 2, 6, 1 }, { 3, 0, 0, 12345678901 },
-        { 4, 1, 1, 3 },
+        { 0, 0, 0, 0 }, { 2, 1, 5, 0 },           { 5, 3, 3, 7 },
+        { 1, 2, 6, 1 }, { 3, 0, 0, 12345678901 }, { 4, 1, 1, 3 },
     };
     const size_t count = sizeof(nodes) / sizeof(nodes[0]);
     struct scene scene;

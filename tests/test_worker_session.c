@@ -1,6 +1,6 @@
 /* A worker's session against masters of all manners, on loopback, in this process. */
-#include "common/err.h"
 #include "common/effects.h"
+#include "common/err.h"
 #include "common/job.h"
 #include "common/scene.h"
 #include "proto/bundle.h"
@@ -185,8 +185,12 @@ static void farm_open(struct farm *farm)
     settings->width = settings->crop[1] = 70;
     settings->height = settings->crop[3] = 40;
     settings->effects = scene_effects(farm->scene);
-    farm->spec = (struct job_spec){ .seed = 3, .replicates = 4, .leaf_samples = 4,
-                                    .channel_count = 3, .depth_cap = 100, .max_lanes = 8 };
+    farm->spec = (struct job_spec){ .seed = 3,
+                                    .replicates = 4,
+                                    .leaf_samples = 4,
+                                    .channel_count = 3,
+                                    .depth_cap = 100,
+                                    .max_lanes = 8 };
     farm->bundle = bundle_from_scene(farm->scene, &farm->spec, &err);
     assert_non_null(farm->bundle);
 }
@@ -253,7 +257,7 @@ static unsigned count(struct farm *farm, Pathfarm__Kind kind, unsigned during_ms
     unsigned n = 0;
     struct letter *letter;
     STAILQ_FOREACH(letter, &farm->letters, link)
-        n += letter->kind == kind;
+    n += letter->kind == kind;
     return n;
 }
 
@@ -631,7 +635,14 @@ static void a_master_out_of_turn_is_refused_and_met_again(void **state)
 {
     (void)state;
     enum {
-        UNKNOWN_JOB, NO_SUCH_TILE, NO_SUCH_LEVEL, OLD_EPOCH_LEASE, TWICE, SLICE, TOO_MUCH, CASES
+        UNKNOWN_JOB,
+        NO_SUCH_TILE,
+        NO_SUCH_LEVEL,
+        OLD_EPOCH_LEASE,
+        TWICE,
+        SLICE,
+        TOO_MUCH,
+        CASES
     };
     static const char *const words[CASES] = {
         [UNKNOWN_JOB] = "not ready here",
@@ -896,14 +907,17 @@ static void garbage_and_half_messages_end_the_connection_and_nothing_else(void *
     (void)state;
     static char half[] = { 16, 0, 0, 0, 0, 0, 0, 0, PATHFARM__KIND__KIND_WELCOME, 0, 0, 0, 8 };
     static char huge[] = { -1, -1, -1, -1, -1, -1, -1, -1, PATHFARM__KIND__KIND_WELCOME, 0, 0, 0 };
-    static char wrong[] = { 4, 0, 0, 0, 0, 0, 0, 0, PATHFARM__KIND__KIND_WELCOME, 0, 0, 0,
-                            -1, -1, -1, -1 };
+    static char wrong[] = { 4, 0, 0, 0,  0,  0,  0, 0, PATHFARM__KIND__KIND_WELCOME,
+                            0, 0, 0, -1, -1, -1, -1 };
     static char prose[] = "HTTP/1.1 400 Bad Request\r\n\r\n";
     static const struct {
         char *bytes;
         unsigned size;
         bool hang_up;
-    } cases[] = { { half, 13, true }, { half, 5, true }, { huge, 12, false }, { wrong, 16, false },
+    } cases[] = { { half, 13, true },
+                  { half, 5, true },
+                  { huge, 12, false },
+                  { wrong, 16, false },
                   { prose, 28, false } };
     for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
         struct farm farm;

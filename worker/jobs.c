@@ -250,8 +250,9 @@ static bool check_memory(struct job *job, struct err *err)
         available = allowed;
     if (job->need_bytes <= available)
         return true;
-    return err_set(err, ERR_MEMORY, "the job needs about %" PRIu64 " MiB and %" PRIu64
-                   " MiB are available here", job->need_bytes >> 20, available >> 20);
+    return err_set(err, ERR_MEMORY,
+                   "the job needs about %" PRIu64 " MiB and %" PRIu64 " MiB are available here",
+                   job->need_bytes >> 20, available >> 20);
 }
 
 static void job_load(struct job *job)
@@ -384,8 +385,8 @@ bool jobs_offer(struct jobs *jobs, const Pathfarm__Job *offer, struct err *err)
 
     struct job *job;
     TAILQ_FOREACH(job, &jobs->list, link)
-        if (digest_equal(&job->digest, &digest) && !job->unwanted)
-            break;
+    if (digest_equal(&job->digest, &digest) && !job->unwanted)
+        break;
     if (job == NULL)
         return take_new(jobs, offer, err);
     job->offered = true;
@@ -459,8 +460,8 @@ struct job *jobs_by_id(struct jobs *jobs, uint64_t id)
 {
     struct job *job;
     TAILQ_FOREACH(job, &jobs->list, link)
-        if (job->offered && job->id == id)
-            return job;
+    if (job->offered && job->id == id)
+        return job;
     return NULL;
 }
 
@@ -468,8 +469,8 @@ struct job *jobs_by_digest(struct jobs *jobs, const struct digest *digest)
 {
     struct job *job;
     TAILQ_FOREACH(job, &jobs->list, link)
-        if (job->offered && digest_equal(&job->digest, digest))
-            return job;
+    if (job->offered && digest_equal(&job->digest, digest))
+        return job;
     return NULL;
 }
 
@@ -477,7 +478,7 @@ struct job *jobs_by_rendering(struct jobs *jobs, const struct pool_job *renderin
 {
     struct job *job;
     TAILQ_FOREACH(job, &jobs->list, link)
-        if (job->state == JOB_READY && job->rendering == rendering && !job->unwanted)
-            return job;
+    if (job->state == JOB_READY && job->rendering == rendering && !job->unwanted)
+        return job;
     return NULL;
 }

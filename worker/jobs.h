@@ -40,13 +40,13 @@ struct job {
     struct jobs *jobs;
     struct digest digest;
     char title[128];
-    bool offered;       /* on this connection, where `id` is its name */
+    bool offered; /* on this connection, where `id` is its name */
     uint64_t id;
     enum job_state state;
     struct err failure; /* JOB_FAILED */
     struct job_spec spec;
     uint64_t object_bytes, need_bytes;
-    uint32_t tiles;     /* JOB_READY and later, like the next three */
+    uint32_t tiles; /* JOB_READY and later, like the next three */
     struct pool_job *rendering;
     bool cached;
     double load_seconds;
@@ -54,8 +54,8 @@ struct job {
     /* private */
     struct assembly *assembly; /* the renderer's once it is open */
     uint64_t begin_ns;
-    bool working;              /* `work` is on its way */
-    bool unwanted;             /* to be freed when it is back */
+    bool working;  /* `work` is on its way */
+    bool unwanted; /* to be freed when it is back */
     uv_work_t work;
     void (*step)(struct job *job);
     void (*after)(struct job *job);
@@ -65,15 +65,15 @@ struct jobs_options {
     const struct renderer_class *renderer;
     const struct profile *profile;
     unsigned threads;
-    const char *cache_dir;   /* NULL: no cache */
+    const char *cache_dir; /* NULL: no cache */
     uint64_t cache_quota;
-    uint64_t max_memory;     /* of this process, bytes; UINT64_MAX: what the machine has */
+    uint64_t max_memory; /* of this process, bytes; UINT64_MAX: what the machine has */
 };
 
 struct jobs_events {
     void (*on_settled)(void *owner, struct job *job); /* JOB_READY or JOB_FAILED, and offered */
     void (*on_wish)(void *owner, const Pathfarm__ObjectWanted *wish);
-    void (*on_closed)(void *owner);                   /* after jobs_close: all is freed */
+    void (*on_closed)(void *owner); /* after jobs_close: all is freed */
 };
 
 struct jobs;

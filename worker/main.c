@@ -103,8 +103,20 @@ static const struct renderer_class *renderer_named(const char *name)
     return NULL;
 }
 
-enum { THREADS = 1, KEYS, CACHE, NO_CACHE, CACHE_QUOTA, MAX_MEMORY, OUTBOX, RENDERER, ONCE, VERBOSE,
-       VERSION, HELP };
+enum {
+    THREADS = 1,
+    KEYS,
+    CACHE,
+    NO_CACHE,
+    CACHE_QUOTA,
+    MAX_MEMORY,
+    OUTBOX,
+    RENDERER,
+    ONCE,
+    VERBOSE,
+    VERSION,
+    HELP
+};
 
 static const struct option long_options[] = {
     { "threads", required_argument, NULL, THREADS },
@@ -138,9 +150,9 @@ static bool take_option(struct arguments *arguments, int option, const char *val
         return true;
     case CACHE:
         arguments->no_cache = false;
-        return value[0] != '\0' && (size_t)snprintf(arguments->cache_dir,
-                                                    sizeof(arguments->cache_dir), "%s", value) <
-                                       sizeof(arguments->cache_dir);
+        return value[0] != '\0' &&
+               (size_t)snprintf(arguments->cache_dir, sizeof(arguments->cache_dir), "%s", value) <
+                   sizeof(arguments->cache_dir);
     case NO_CACHE:
         arguments->no_cache = true;
         return true;

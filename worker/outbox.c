@@ -106,8 +106,8 @@ struct outbox_entry *outbox_next(struct outbox *box,
 {
     struct outbox_entry *entry;
     TAILQ_FOREACH(entry, &box->unsent, link)
-        if (wanted(owner, &entry->job))
-            return entry;
+    if (wanted(owner, &entry->job))
+        return entry;
     return NULL;
 }
 

@@ -47,13 +47,12 @@ bool outbox_add(struct outbox *box, const struct digest *job, uint64_t lease_id,
 
 size_t outbox_count(const struct outbox *box);
 size_t outbox_unsent(const struct outbox *box);
-size_t outbox_room(const struct outbox *box); /* results until it is full */
+size_t outbox_room(const struct outbox *box);       /* results until it is full */
 uint64_t outbox_sequence(const struct outbox *box); /* the last one given out */
 
 /* The oldest result, not sent on this connection, of a job that is `wanted`; NULL for none. */
-struct outbox_entry *outbox_next(struct outbox *box,
-                                 bool (*wanted)(void *owner, const struct digest *job),
-                                 void *owner);
+struct outbox_entry *
+outbox_next(struct outbox *box, bool (*wanted)(void *owner, const struct digest *job), void *owner);
 
 /* Give an entry its sequence number and count it as sent. */
 void outbox_number(struct outbox *box, struct outbox_entry *entry);

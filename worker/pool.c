@@ -25,11 +25,11 @@ struct part {
 struct node {
     TAILQ_ENTRY(node) link; /* in pool.nodes until finished, then in pool.finished */
     struct pool_result result;
-    struct fold *fold;    /* NULL while the node is one part */
-    size_t parts;         /* waiting or at work */
+    struct fold *fold; /* NULL while the node is one part */
+    size_t parts;      /* waiting or at work */
     bool begun;
-    atomic_bool stopped;  /* failed or dropped: threads at work on it stop at their next leaf */
-    bool dropped;         /* nobody wants to hear of it */
+    atomic_bool stopped; /* failed or dropped: threads at work on it stop at their next leaf */
+    bool dropped;        /* nobody wants to hear of it */
     struct part whole;
 };
 
@@ -45,7 +45,7 @@ struct pool_job {
     void *owner;
     unsigned references; /* the owner's, and one per node in pool.nodes */
     unsigned threads;
-    void *scratch[];     /* by thread; opened by that thread when it first meets the job */
+    void *scratch[]; /* by thread; opened by that thread when it first meets the job */
 };
 
 struct thread {
@@ -63,7 +63,7 @@ struct pool {
     struct part_list waiting;
     size_t waiting_count;
     struct node_list nodes, finished;
-    size_t node_count; /* in both lists, less those that were dropped */
+    size_t node_count;  /* in both lists, less those that were dropped */
     size_t begun_count; /* of these */
     size_t allowed;     /* while begun_count reaches this, no node is begun */
     bool ending;
@@ -416,15 +416,14 @@ static void stop_threads(struct pool *pool, unsigned started)
     pool->ending = true;
     struct node *node;
     TAILQ_FOREACH(node, &pool->nodes, link)
-        atomic_store_explicit(&node->stopped, true, memory_order_relaxed);
+    atomic_store_explicit(&node->stopped, true, memory_order_relaxed);
     pthread_cond_broadcast(&pool->work);
     pthread_mutex_unlock(&pool->mutex);
     for (unsigned i = 0; i < started; i++)
         pthread_join(pool->threads[i].id, NULL);
 }
 
-struct pool *pool_new(unsigned threads, void (*wake)(void *context), void *context,
-                      struct err *err)
+struct pool *pool_new(unsigned threads, void (*wake)(void *context), void *context, struct err *err)
 {
     assert(threads > 0);
     struct pool *pool = calloc(1, sizeof(*pool) + threads * sizeof(pool->threads[0]));
@@ -533,7 +532,7 @@ bool pool_add(struct pool *pool, struct pool_job *job, uint64_t lease_id,
 
     pthread_mutex_lock(&pool->mutex);
     TAILQ_FOREACH(node, &added, link)
-        part_enqueue(pool, &node->whole, false);
+    part_enqueue(pool, &node->whole, false);
     TAILQ_CONCAT(&pool->nodes, &added, link);
     pool->node_count += count;
     job->references += (unsigned)count;
@@ -631,7 +630,8 @@ size_t pool_leases(struct pool *pool, uint64_t *lease_ids, size_t capacity)
     size_t count = 0;
     struct node *node;
     pthread_mutex_lock(&pool->mutex);
-    TAILQ_FOREACH(node, &pool->nodes, link) {
+    TAILQ_FOREACH(node, &pool->nodes, link)
+    {
         size_t i = 0;
         if (node->dropped)
             continue;

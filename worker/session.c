@@ -52,20 +52,20 @@ struct session {
     uv_async_t finished;     /* the pool has something */
     uv_timer_t retry;        /* the next attempt to connect */
     uv_timer_t heartbeat;
-    uv_timer_t deadline;     /* of the first connection (--once), or of draining */
+    uv_timer_t deadline; /* of the first connection (--once), or of draining */
     unsigned open_handles;
 
-    uint64_t nonce;          /* names this process to masters */
-    uint64_t epoch;          /* the largest seen */
-    unsigned attempt;        /* since the last connection that was good for something */
-    bool opened;             /* ever, on any connection */
+    uint64_t nonce;   /* names this process to masters */
+    uint64_t epoch;   /* the largest seen */
+    unsigned attempt; /* since the last connection that was good for something */
+    bool opened;      /* ever, on any connection */
     bool draining, ending;
     int status;
 
     /* Of this connection */
-    bool closing;            /* it was told to close: nothing more is sent or heard */
-    struct err broken;       /* why this side ends it; ERR_OK: it does not */
-    uint64_t welcome_ms;     /* 0: not yet */
+    bool closing;        /* it was told to close: nothing more is sent or heard */
+    struct err broken;   /* why this side ends it; ERR_OK: it does not */
+    uint64_t welcome_ms; /* 0: not yet */
     uint64_t sent_through, accepted_through; /* sequence numbers of results */
 
     uint64_t leases[LIMIT_PROGRESS_LEASES];
@@ -182,8 +182,9 @@ static bool send_result(struct session *session, struct outbox_entry *entry, str
     result.sequence = entry->sequence;
     result.core_seconds = entry->core_seconds;
 
-    struct channel_bulk bulk = { .data = entry->bulk, .size = entry->size,
-                                 .release = outbox_give_back, .context = entry };
+    struct channel_bulk bulk = {
+        .data = entry->bulk, .size = entry->size, .release = outbox_give_back, .context = entry
+    };
     outbox_lend(entry);
     if (channel_send(session->channel, &result.base, &bulk, err))
         return true;
@@ -338,9 +339,10 @@ static bool on_welcome(struct session *session, const void *message, const struc
         return err_set(err, ERR_MESSAGE, "the master chose protocol %u, this worker speaks %d..%d",
                        welcome->protocol, PROTOCOL_MIN, PROTOCOL_MAX);
     if (welcome->epoch < session->epoch)
-        return err_set(err, ERR_MESSAGE, "the master's epoch is %" PRIu64 ", and %" PRIu64
-                       " was seen before: it is an old one come back", welcome->epoch,
-                       session->epoch);
+        return err_set(err, ERR_MESSAGE,
+                       "the master's epoch is %" PRIu64 ", and %" PRIu64
+                       " was seen before: it is an old one come back",
+                       welcome->epoch, session->epoch);
     session->epoch = welcome->epoch;
     session->welcome_ms = uv_now(session->loop);
     channel_set_phase(session->channel, PHASE_WORKING);
@@ -371,8 +373,8 @@ static bool on_job(struct session *session, const void *message, const struct fr
     return jobs_offer(session->jobs, message, err);
 }
 
-static bool on_object_slice(struct session *session, const void *message,
-                            const struct frame *frame, struct err *err)
+static bool on_object_slice(struct session *session, const void *message, const struct frame *frame,
+                            struct err *err)
 {
     return jobs_slice(session->jobs, message, frame->bulk, frame->bulk_size, err);
 }
@@ -386,8 +388,10 @@ static struct node_id *nodes_of(Pathfarm__Node *const *nodes, size_t count, stru
         return NULL;
     }
     for (size_t i = 0; i < count; i++)
-        list[i] = (struct node_id){ .tile = nodes[i]->tile, .replicate = nodes[i]->replicate,
-                                    .level = nodes[i]->level, .index = nodes[i]->index };
+        list[i] = (struct node_id){ .tile = nodes[i]->tile,
+                                    .replicate = nodes[i]->replicate,
+                                    .level = nodes[i]->level,
+                                    .index = nodes[i]->index };
     return list;
 }
 
@@ -397,9 +401,10 @@ static bool check_nodes(const struct job *job, const struct node_id *nodes, size
     for (size_t i = 0; i < count; i++)
         if (nodes[i].tile >= job->tiles || nodes[i].replicate >= job->spec.replicates ||
             nodes[i].level > NODE_LEVEL_MAX || nodes[i].index >> (LEAF_BITS - nodes[i].level) != 0)
-            return err_set(err, ERR_MESSAGE, "a lease of tile %u, replicate %u, level %u, index %"
-                           PRIu64 ", which the job does not have", nodes[i].tile,
-                           nodes[i].replicate, nodes[i].level, nodes[i].index);
+            return err_set(err, ERR_MESSAGE,
+                           "a lease of tile %u, replicate %u, level %u, index %" PRIu64
+                           ", which the job does not have",
+                           nodes[i].tile, nodes[i].replicate, nodes[i].level, nodes[i].index);
     return true;
 }
 
@@ -464,9 +469,11 @@ static bool on_accepted(struct session *session, const void *message, const stru
                        accepted->epoch, session->epoch);
     if (accepted->accepted_through > outbox_sequence(session->outbox) ||
         accepted->durable_through > accepted->accepted_through)
-        return err_set(err, ERR_MESSAGE, "results accepted through %" PRIu64 ", durable through %"
-                       PRIu64 ", of %" PRIu64 " sent", accepted->accepted_through,
-                       accepted->durable_through, outbox_sequence(session->outbox));
+        return err_set(err, ERR_MESSAGE,
+                       "results accepted through %" PRIu64 ", durable through %" PRIu64
+                       ", of %" PRIu64 " sent",
+                       accepted->accepted_through, accepted->durable_through,
+                       outbox_sequence(session->outbox));
     session->accepted_through = accepted->accepted_through;
     outbox_forget_through(session->outbox, accepted->durable_through);
     make_allowance(session);
@@ -596,8 +603,9 @@ static void schedule_retry(struct session *session, const struct err *why)
     uint64_t pause_ms = retry_pause_ms(session);
     /* A master that is not there is news once, not every half minute */
     bool away = why->code == ERR_PEER || why->code == ERR_TIMEOUT;
-    enum journal_level level = !away ? JOURNAL_PROBLEM
-                               : session->attempt <= 1 ? JOURNAL_NEWS : JOURNAL_DETAIL;
+    enum journal_level level = !away                   ? JOURNAL_PROBLEM
+                               : session->attempt <= 1 ? JOURNAL_NEWS
+                                                       : JOURNAL_DETAIL;
     journal_say(level, "%s; trying again in %.1f s", why->text, 1e-3 * (double)pause_ms);
     uv_timer_start(&session->retry, on_retry, pause_ms, 0);
 }
@@ -737,9 +745,9 @@ struct session_options session_options_default(void)
 struct session *session_new(uv_loop_t *loop, const struct session_options *options,
                             void (*on_end)(void *owner, int status), void *owner, struct err *err)
 {
-    static const struct jobs_events jobs_callbacks = {
-        .on_settled = on_settled, .on_wish = on_wish, .on_closed = on_jobs_closed
-    };
+    static const struct jobs_events jobs_callbacks = { .on_settled = on_settled,
+                                                       .on_wish = on_wish,
+                                                       .on_closed = on_jobs_closed };
     struct jobs_options jobs_options = {
         .renderer = options->renderer,
         .profile = options->profile,

@@ -20,18 +20,18 @@ struct profile;
 struct renderer_class;
 
 struct session_options {
-    const char *host;             /* of the master */
+    const char *host; /* of the master */
     unsigned port;
-    const struct keys *keys;      /* NULL: plain, and then the master must be on loopback */
+    const struct keys *keys; /* NULL: plain, and then the master must be on loopback */
     const struct renderer_class *renderer;
     const struct profile *profile;
     unsigned threads;
-    const char *cache_dir;        /* NULL: no cache */
-    uint64_t cache_quota;         /* bytes */
-    uint64_t max_memory;          /* bytes; UINT64_MAX: what the machine has */
-    size_t outbox_results;        /* held at most until they are durable */
-    bool once;                    /* end instead of reconnecting */
-    uint32_t once_connect_ms;     /* with `once`: how long to try to connect */
+    const char *cache_dir;               /* NULL: no cache */
+    uint64_t cache_quota;                /* bytes */
+    uint64_t max_memory;                 /* bytes; UINT64_MAX: what the machine has */
+    size_t outbox_results;               /* held at most until they are durable */
+    bool once;                           /* end instead of reconnecting */
+    uint32_t once_connect_ms;            /* with `once`: how long to try to connect */
     uint32_t retry_min_ms, retry_max_ms; /* pause before the first new attempt, and the longest */
 };
 

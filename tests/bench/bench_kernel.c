@@ -68,15 +68,25 @@ static size_t replay(const struct kernel_scene *ks, const struct ray_log *log)
     for (size_t i = 0; i < log->count; i++) {
         const struct logged_ray *r = &log->rays[i];
         if (r->shadow) {
-            struct RTCRay ray = { .org_x = r->o[0], .org_y = r->o[1], .org_z = r->o[2],
-                                  .dir_x = r->d[0], .dir_y = r->d[1], .dir_z = r->d[2],
-                                  .tfar = r->tfar, .mask = ~0u };
+            struct RTCRay ray = { .org_x = r->o[0],
+                                  .org_y = r->o[1],
+                                  .org_z = r->o[2],
+                                  .dir_x = r->d[0],
+                                  .dir_y = r->d[1],
+                                  .dir_z = r->d[2],
+                                  .tfar = r->tfar,
+                                  .mask = ~0u };
             rtcOccluded1(ks->rtc, &context, &ray);
             hits += ray.tfar < 0;
         } else {
-            struct RTCRayHit hit = { .ray = { .org_x = r->o[0], .org_y = r->o[1], .org_z = r->o[2],
-                                              .dir_x = r->d[0], .dir_y = r->d[1], .dir_z = r->d[2],
-                                              .tfar = r->tfar, .mask = ~0u },
+            struct RTCRayHit hit = { .ray = { .org_x = r->o[0],
+                                              .org_y = r->o[1],
+                                              .org_z = r->o[2],
+                                              .dir_x = r->d[0],
+                                              .dir_y = r->d[1],
+                                              .dir_z = r->d[2],
+                                              .tfar = r->tfar,
+                                              .mask = ~0u },
                                      .hit = { .geomID = RTC_INVALID_GEOMETRY_ID } };
             rtcIntersect1(ks->rtc, &context, &hit);
             hits += hit.hit.geomID != RTC_INVALID_GEOMETRY_ID;
@@ -101,8 +111,12 @@ int main(int argc, char **argv)
     if (!pbrt_set_resolution(scene, 256, 256, &err))
         goto fail;
     profile_thread_mode();
-    struct job_spec spec = { .seed = 1, .replicates = 1, .leaf_samples = 4, .channel_count = 3,
-                             .depth_cap = 65536, .max_lanes = 8 };
+    struct job_spec spec = { .seed = 1,
+                             .replicates = 1,
+                             .leaf_samples = 4,
+                             .channel_count = 3,
+                             .depth_cap = 65536,
+                             .max_lanes = 8 };
     struct kernel_scene *ks = kernel_open(scene, &spec, &err);
     if (ks == NULL)
         goto fail;
@@ -136,8 +150,8 @@ int main(int argc, char **argv)
     }
     double ratio = median(ratios, runs);
     printf("kernel_ratio_%s %.3f\n", argv[1], ratio);
-    printf("# %s: variant %s, %zu rays, %.3f Mpaths/s on one thread; ratios %.3f to %.3f\n", argv[1],
-           ks->variant, log.count, median(speeds, runs), ratios[0], ratios[runs - 1]);
+    printf("# %s: variant %s, %zu rays, %.3f Mpaths/s on one thread; ratios %.3f to %.3f\n",
+           argv[1], ks->variant, log.count, median(speeds, runs), ratios[0], ratios[runs - 1]);
     free(log.rays);
     kernel_thread_close(thread);
     kernel_close(ks);

@@ -2,8 +2,8 @@
  * BSDFs, eight at a time: value, sampling and both densities of every material kind.
  *
  * Directions are in the local shading frame and point away from the surface. f_cos is
- * f(wo, wi) |cos theta_i|; densities are per solid angle: pdf of wi given wo, pdf_rev of wo given wi.
- * Delta lobes have no density: `delta` is set, and f_cos / pdf is given as `weight`. In
+ * f(wo, wi) |cos theta_i|; densities are per solid angle: pdf of wi given wo, pdf_rev of wo given
+ * wi. Delta lobes have no density: `delta` is set, and f_cos / pdf is given as `weight`. In
  * TRANSPORT_RADIANCE a transmission scales by 1 / eta^2 (radiance is compressed or expanded),
  * in TRANSPORT_IMPORTANCE it does not.
  *
@@ -23,13 +23,13 @@
 enum transport_mode { TRANSPORT_RADIANCE = 0, TRANSPORT_IMPORTANCE = 1 };
 
 /* Field `field` of the array of structs at `base`, for element `index` of each lane */
-#define GATHER(base, type, field, index)                           \
+#define GATHER(base, type, field, index)                                       \
     f8_gather((const float *)(const void *)(base) + offsetof(type, field) / 4, \
               (index) * (int32_t)(sizeof(type) / 4))
 #define GATHER_I(base, type, field, index) ((i8)GATHER(base, type, field, index))
-#define GATHER3(base, type, field, index)                                        \
-    ((struct vec3x8){ GATHER(base, type, field[0], index),                       \
-                      GATHER(base, type, field[1], index), GATHER(base, type, field[2], index) })
+#define GATHER3(base, type, field, index)                                                       \
+    ((struct vec3x8){ GATHER(base, type, field[0], index), GATHER(base, type, field[1], index), \
+                      GATHER(base, type, field[2], index) })
 
 struct bsdf8 {
     const struct material *materials;
@@ -112,7 +112,8 @@ LANE_FN struct vec3x8 bsdf_refract(struct vec3x8 wo, struct vec3x8 h, f8 eta, f8
     return vec3x8_unit(vec3x8_sub(vec3x8_scale(across, -inv), vec3x8_scale(h, cos_t)));
 }
 
-/* ---- mixture: diffuse with probability p = k_d / (k_d + k_s), else a perfect mirror; black absorbs */
+/* ---- mixture: diffuse with probability p = k_d / (k_d + k_s), else a perfect mirror; black
+ * absorbs */
 
 LANE_FN f8 mixture_p(const struct bsdf8 *b, struct vec3x8 specular)
 {
@@ -392,8 +393,8 @@ LANE_FN struct bsdf_sample8 bsdf_sample(const struct bsdf8 *b, unsigned fx,
             f8 oh = f8_min(vec3x8_dot(o, h), F8(1)), cos_t;
             f8 F = fresnel_dielectric(oh, eta, &cos_t);
             i8 transmit = lanes & (lobe >= F);
-            struct vec3x8 i =
-                vec3x8_select(transmit, bsdf_refract(o, h, eta, cos_t), bsdf_mirror(o, h));
+            struct vec3x8 i = vec3x8_select(transmit, bsdf_refract(o, h, eta, cos_t),
+                                            bsdf_mirror(o, h));
             i8 right_side = f8_select(transmit, -i.z, i.z) > 0;
 
             f8 weight = F8(1), pdf = F8(0), pdf_rev = F8(0);
@@ -402,7 +403,8 @@ LANE_FN struct bsdf_sample8 bsdf_sample(const struct bsdf8 *b, unsigned fx,
                 f8 G1o = ggx_G1(g, o), G1i = ggx_G1(g, up), D = ggx_D(g, h);
                 f8 ih = vec3x8_dot(i, h), aih = f8_abs(ih), unused;
                 f8 jacobian_t = ih + oh / eta, jacobian_t_rev = oh + ih * eta;
-                f8 F_rev = f8_select(transmit, fresnel_dielectric(f8_min(aih, F8(1)), 1 / eta, &unused), F);
+                f8 F_rev = f8_select(transmit,
+                                     fresnel_dielectric(f8_min(aih, F8(1)), 1 / eta, &unused), F);
                 f8 visible_o = G1o * D / co, visible_i = G1i * D / f8_max(up.z, F8(1e-30f));
                 f8 pdf_t = (1 - F) * visible_o * oh * aih /
                            f8_max(jacobian_t * jacobian_t, F8(1e-30f));
@@ -418,7 +420,8 @@ LANE_FN struct bsdf_sample8 bsdf_sample(const struct bsdf8 *b, unsigned fx,
                 weight = f8_select(transmit, weight / (eta * eta), weight);
             i.z = f8_mulsign(i.z, wo.z);
             out.wi = vec3x8_select(lanes, i, out.wi);
-            out.weight = vec3x8_select(lanes, (struct vec3x8){ weight, weight, weight }, out.weight);
+            out.weight = vec3x8_select(lanes, (struct vec3x8){ weight, weight, weight },
+                                       out.weight);
             out.pdf = f8_select(lanes, pdf, out.pdf);
             out.pdf_rev = f8_select(lanes, pdf_rev, out.pdf_rev);
             out.delta |= lanes & smooth;

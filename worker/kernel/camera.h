@@ -4,8 +4,8 @@
 #ifndef WORKER_KERNEL_CAMERA_H
 #define WORKER_KERNEL_CAMERA_H
 
-#include "common/elem.h"
 #include "common/effects.h"
+#include "common/elem.h"
 #include "worker/kernel/kernel_scene.h"
 
 struct ray8 {

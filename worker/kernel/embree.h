@@ -15,8 +15,19 @@
  * the other (its accessors exist in C++ only; the order is that of struct RTCRay and RTCHit).
  */
 enum ray_row {
-    RAY_ORG_X, RAY_ORG_Y, RAY_ORG_Z, RAY_TNEAR, RAY_DIR_X, RAY_DIR_Y, RAY_DIR_Z, RAY_TIME, RAY_TFAR,
-    RAY_MASK, RAY_ID, RAY_FLAGS, RAY_ROWS
+    RAY_ORG_X,
+    RAY_ORG_Y,
+    RAY_ORG_Z,
+    RAY_TNEAR,
+    RAY_DIR_X,
+    RAY_DIR_Y,
+    RAY_DIR_Z,
+    RAY_TIME,
+    RAY_TFAR,
+    RAY_MASK,
+    RAY_ID,
+    RAY_FLAGS,
+    RAY_ROWS
 };
 enum hit_row { HIT_NG_X, HIT_NG_Y, HIT_NG_Z, HIT_U, HIT_V, HIT_PRIM, HIT_GEOM, HIT_INST };
 

@@ -26,8 +26,10 @@ static double filter_axis(const struct filter_spec *spec, double radius, double 
             return 0;
         if (y > 1)
             return ((-b - 6 * c) * y * y * y + (6 * b + 30 * c) * y * y + (-12 * b - 48 * c) * y +
-                    (8 * b + 24 * c)) / 6;
-        return ((12 - 9 * b - 6 * c) * y * y * y + (-18 + 12 * b + 6 * c) * y * y + (6 - 2 * b)) / 6;
+                    (8 * b + 24 * c)) /
+                   6;
+        return ((12 - 9 * b - 6 * c) * y * y * y + (-18 + 12 * b + 6 * c) * y * y + (6 - 2 * b)) /
+               6;
     }
     case FILTER_BOX:
         break;
@@ -36,8 +38,8 @@ static double filter_axis(const struct filter_spec *spec, double radius, double 
 }
 
 /*
- * Invert the cumulative integral of max(sign f, 0) over x in [0, 1]; returns that integral. The half
- * axis is enough, as filters are symmetric, and it keeps a lobe in one piece.
+ * Invert the cumulative integral of max(sign f, 0) over x in [0, 1]; returns that integral. The
+ * half axis is enough, as filters are symmetric, and it keeps a lobe in one piece.
  */
 static double invert(const struct filter_spec *spec, double radius, double sign,
                      float table[FILTER_TABLE_LEN + 1])

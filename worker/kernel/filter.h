@@ -3,8 +3,8 @@
  * and counts for its own pixel alone. The x and y parts are tabulated inverse cumulative functions.
  *
  * A filter with negative lobes (Mitchell) has fixed strata: of every four consecutive samples the
- * last falls in a negative lobe and weighs -4 N, the others in a positive one and weigh 4/3 P, where
- * P - N = 1 are the integrals; so four samples of a constant image sum to exactly four.
+ * last falls in a negative lobe and weighs -4 N, the others in a positive one and weigh 4/3 P,
+ * where P - N = 1 are the integrals; so four samples of a constant image sum to exactly four.
  */
 #ifndef WORKER_KERNEL_FILTER_H
 #define WORKER_KERNEL_FILTER_H
@@ -19,7 +19,7 @@ struct filter_table {
     /* Per axis: inverse CDF of the positive and of the negative part over x / radius in [0, 1] */
     float positive[2][FILTER_TABLE_LEN + 1], negative[2][FILTER_TABLE_LEN + 1];
     int has_negative;
-    float both_positive;  /* share of (+,+) in the positive mass; the rest is (-,-) */
+    float both_positive; /* share of (+,+) in the positive mass; the rest is (-,-) */
     float weight_positive, weight_negative;
 };
 

@@ -7,8 +7,8 @@
 #include "common/lane.h"
 
 /*
- * Dielectric: c = |cos theta_i|, eta = n_transmitted / n_incident. Also gives |cos theta_t|, 0 under
- * total internal reflection (where F is 1). sin^2 is taken as (1 - c)(1 + c), so that nothing
+ * Dielectric: c = |cos theta_i|, eta = n_transmitted / n_incident. Also gives |cos theta_t|, 0
+ * under total internal reflection (where F is 1). sin^2 is taken as (1 - c)(1 + c), so that nothing
  * cancels near c = 1, and eta = 1 is exactly transparent at every angle (NUMERICS H22, H23).
  */
 LANE_FN f8 fresnel_dielectric(f8 c, f8 eta, f8 *cos_t)
@@ -26,8 +26,8 @@ LANE_FN f8 fresnel_dielectric(f8 c, f8 eta, f8 *cos_t)
 }
 
 /*
- * Conductor with complex index eta + i k, relative to the outside: the exact equations as in Born and
- * Wolf, Principles of Optics, section 14.2. With k = 0 it equals the dielectric (H31).
+ * Conductor with complex index eta + i k, relative to the outside: the exact equations as in Born
+ * and Wolf, Principles of Optics, section 14.2. With k = 0 it equals the dielectric (H31).
  */
 LANE_FN f8 fresnel_conductor(f8 c, f8 eta, f8 k)
 {

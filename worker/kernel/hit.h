@@ -31,8 +31,8 @@ LANE_FN struct vec3x8 hit_vertex(const float *base, i8 vertex)
 }
 
 /* Triangle `prim` of mesh `mesh`; both must be valid in every lane */
-LANE_FN void hit_triangle(const struct scene *scene, unsigned fx, i8 mesh, i8 prim,
-                          struct vec3x8 o, struct vec3x8 d, struct surface8 *s)
+LANE_FN void hit_triangle(const struct scene *scene, unsigned fx, i8 mesh, i8 prim, struct vec3x8 o,
+                          struct vec3x8 d, struct surface8 *s)
 {
     i8 triangle = prim + GATHER_I(scene->meshes, struct mesh, first_triangle, mesh);
     i8 flags = GATHER_I(scene->meshes, struct mesh, flags, mesh);
@@ -84,7 +84,8 @@ LANE_FN void hit_triangle(const struct scene *scene, unsigned fx, i8 mesh, i8 pr
     i8 emits = emissive != -1;
     if (i8_any(emits))
         s->light = i8_select(
-            emits, i8_gather(scene->triangle_light, i8_select(emits, emissive + prim, I8(0))), s->light);
+            emits, i8_gather(scene->triangle_light, i8_select(emits, emissive + prim, I8(0))),
+            s->light);
 }
 
 /* Quadric `prim` of the lanes in `lanes`, hit at o + t d; one at a time, as matrices differ */
@@ -99,8 +100,8 @@ LANE_FN void hit_quadric(const struct scene *scene, i8 lanes, i8 prim, struct ve
         struct vec3x8 center = vec3x8_all(q->center[0], q->center[1], q->center[2]);
 
         /* In object space, put the point back onto the surface */
-        struct vec3x8 local = quadric_linear(
-            q->to_object, vec3x8_add(vec3x8_sub(o, center), vec3x8_scale(d, t)));
+        struct vec3x8 local = quadric_linear(q->to_object,
+                                             vec3x8_add(vec3x8_sub(o, center), vec3x8_scale(d, t)));
         struct vec3x8 normal;
         if (q->kind == QUADRIC_SPHERE) {
             normal = vec3x8_unit(local);
@@ -133,8 +134,9 @@ LANE_FN void hit_quadric(const struct scene *scene, i8 lanes, i8 prim, struct ve
 LANE_FN struct surface8 hit_surface(const struct kernel_scene *ks, unsigned fx, i8 hit, i8 geometry,
                                     i8 prim, struct vec3x8 o, struct vec3x8 d, f8 t)
 {
-    struct surface8 s = { vec3x8_all(0, 0, 0), vec3x8_all(0, 0, 1), vec3x8_all(0, 0, 1),
-                          F8(0),               I8(0),               I8(-1) };
+    struct surface8 s = {
+        vec3x8_all(0, 0, 0), vec3x8_all(0, 0, 1), vec3x8_all(0, 0, 1), F8(0), I8(0), I8(-1)
+    };
     i8 quadric = I8(0);
     if (fx & FX_QUADRIC)
         quadric = hit & (geometry == ks->quadric_geometry);

@@ -156,10 +156,10 @@ static bool quadrics_attach(struct kernel_scene *ks, struct err *err)
     rtcSetGeometryUserData(geometry, (void *)(uintptr_t)scene);
     /* Bounds are in double precision nowhere, so one version serves both instruction sets */
     rtcSetGeometryBoundsFunction(geometry, path_quadric_bounds_base, NULL);
-    rtcSetGeometryIntersectFunction(
-        geometry, avx2 ? path_quadric_intersect_avx2 : path_quadric_intersect_base);
-    rtcSetGeometryOccludedFunction(
-        geometry, avx2 ? path_quadric_occluded_avx2 : path_quadric_occluded_base);
+    rtcSetGeometryIntersectFunction(geometry, avx2 ? path_quadric_intersect_avx2
+                                                   : path_quadric_intersect_base);
+    rtcSetGeometryOccludedFunction(geometry,
+                                   avx2 ? path_quadric_occluded_avx2 : path_quadric_occluded_base);
     rtcCommitGeometry(geometry);
     rtcAttachGeometryByID(ks->rtc, geometry, scene->mesh_count);
     rtcReleaseGeometry(geometry);

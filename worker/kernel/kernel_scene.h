@@ -28,7 +28,7 @@ struct ray_log;
 struct kernel_scene {
     const struct scene *scene;
     struct job_spec spec;
-    unsigned fx;     /* what the chosen variant may use; a superset of the scene's effects */
+    unsigned fx; /* what the chosen variant may use; a superset of the scene's effects */
     uint32_t max_depth;
     RTCDevice device;
     RTCScene rtc;

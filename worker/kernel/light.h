@@ -1,6 +1,6 @@
 /*
- * Lights, eight at a time: choosing one, sampling a direction towards it, and the density with which
- * that direction would have been chosen.
+ * Lights, eight at a time: choosing one, sampling a direction towards it, and the density with
+ * which that direction would have been chosen.
  *
  * Area lights are sampled over what the receiver sees of them: polygons uniformly in solid angle as
  * a fan of spherical triangles, spheres over their visible cone; disks, and receivers inside a
@@ -18,9 +18,10 @@
 #include "worker/kernel/kernel_scene.h"
 
 struct light_sample8 {
-    struct vec3x8 point;    /* on the light, moved towards the receiver by its rounding error */
-    struct vec3x8 wi;       /* unit, from the receiver to the light */
-    struct vec3x8 radiance; /* area lights: L; delta lights: what arrives, inverse square included */
+    struct vec3x8 point; /* on the light, moved towards the receiver by its rounding error */
+    struct vec3x8 wi;    /* unit, from the receiver to the light */
+    struct vec3x8
+        radiance; /* area lights: L; delta lights: what arrives, inverse square included */
     f8 pdf;
     f8 pdf_position, pdf_direction;
     f8 distance; /* along wi; large for distant lights */
@@ -57,15 +58,16 @@ LANE_FN f8 light_pick(const struct kernel_scene *ks, unsigned fx, i8 light)
 #define POLYGON_OMEGA_MIN 1e-5f
 
 /* Fields of the chosen lights; with a single light they are the same in every lane */
-#define LIGHT(field)                                                                          \
-    (fx & FX_MANY_LIGHTS ? GATHER(ks->scene->lights, struct light, field, light)              \
+#define LIGHT(field)                                                             \
+    (fx & FX_MANY_LIGHTS ? GATHER(ks->scene->lights, struct light, field, light) \
                          : F8(ks->scene->lights[0].field))
-#define LIGHT_I(field)                                                                        \
-    (fx & FX_MANY_LIGHTS ? GATHER_I(ks->scene->lights, struct light, field, light)            \
+#define LIGHT_I(field)                                                             \
+    (fx & FX_MANY_LIGHTS ? GATHER_I(ks->scene->lights, struct light, field, light) \
                          : I8((int32_t)ks->scene->lights[0].field))
 #define LIGHT3(field) ((struct vec3x8){ LIGHT(field[0]), LIGHT(field[1]), LIGHT(field[2]) })
 
-/* Corner `i` of polygons with corners [first, first + count), relative to p; past the end the last */
+/* Corner `i` of polygons with corners [first, first + count), relative to p; past the end the last
+ */
 LANE_FN struct vec3x8 light_corner(const struct kernel_scene *ks, unsigned fx, i8 first, i8 count,
                                    int i, struct vec3x8 p)
 {
@@ -75,9 +77,9 @@ LANE_FN struct vec3x8 light_corner(const struct kernel_scene *ks, unsigned fx, i
         return vec3x8_sub(vec3x8_all(corner[0], corner[1], corner[2]), p);
     }
     i8 at = (first + i8_select(count > i, I8(i), count - 1)) * 3;
-    return vec3x8_sub((struct vec3x8){ f8_gather(base, at), f8_gather(base + 1, at),
-                                       f8_gather(base + 2, at) },
-                      p);
+    return vec3x8_sub(
+        (struct vec3x8){ f8_gather(base, at), f8_gather(base + 1, at), f8_gather(base + 2, at) },
+        p);
 }
 
 /*
@@ -125,9 +127,9 @@ LANE_FN struct vec3x8 fan_sum(struct vec3x8 a, struct vec3x8 c)
 /*
  * A direction uniform in the fan triangle's solid angle. Choose the vertex c' on the arc a..c that
  * cuts off the share u of the angle: with c' the mirror image of a about m = (x - y) a + y (a + c),
- * Van Oosterom's formula gives x - y and y in closed form (compare Peters, "BRDF Importance Sampling
- * for Polygonal Lights", 2021). Then choose the point between b and c', uniform in its cosine with b;
- * 1 - s is kept as a product, so that nothing cancels in small triangles.
+ * Van Oosterom's formula gives x - y and y in closed form (compare Peters, "BRDF Importance
+ * Sampling for Polygonal Lights", 2021). Then choose the point between b and c', uniform in its
+ * cosine with b; 1 - s is kept as a product, so that nothing cancels in small triangles.
  */
 LANE_FN struct vec3x8 fan_direction(const struct fan8 *fan, f8 u, f8 v)
 {
@@ -151,7 +153,8 @@ LANE_FN struct vec3x8 fan_direction(const struct fan8 *fan, f8 u, f8 v)
     return vec3x8_unit(w);
 }
 
-/* Where the ray from the origin along w meets the fan triangle: on its plane to rounding, never outside */
+/* Where the ray from the origin along w meets the fan triangle: on its plane to rounding, never
+ * outside */
 LANE_FN struct vec3x8 fan_point(const struct fan8 *fan, struct vec3x8 w)
 {
     struct vec3x8 e1 = vec3x8_sub(fan->B, fan->A), e2 = vec3x8_sub(fan->C, fan->A);
@@ -270,8 +273,9 @@ LANE_FN struct vec3x8 polygon_sample(const struct polygon8 *seen, i8 lanes, f8 u
 /* ---- spheres */
 
 /*
- * What p sees of a sphere: a cone of directions with 1 - cos(theta_max) = s^2 / (1 + sqrt(1 - s^2)),
- * s = radius / distance (NUMERICS H34). `outside` is false where p is on or in the sphere (H35).
+ * What p sees of a sphere: a cone of directions with 1 - cos(theta_max) = s^2 / (1 + sqrt(1 -
+ * s^2)), s = radius / distance (NUMERICS H34). `outside` is false where p is on or in the sphere
+ * (H35).
  */
 struct cone8 {
     struct vec3x8 to; /* from p to the centre */
@@ -390,8 +394,8 @@ LANE_FN f8 spot_falloff(const struct kernel_scene *ks, unsigned fx, i8 light, f8
 }
 
 /*
- * Choose a light by `pick` and a point on it by (u, v), as seen from p. Lanes that get no light (the
- * light faces away, has no extent seen from here) come back with valid = 0.
+ * Choose a light by `pick` and a point on it by (u, v), as seen from p. Lanes that get no light
+ * (the light faces away, has no extent seen from here) come back with valid = 0.
  */
 LANE_FN struct light_sample8 light_sample(const struct kernel_scene *ks, unsigned fx, i8 valid,
                                           struct vec3x8 p, f8 pick, f8 u, f8 v)
@@ -462,7 +466,8 @@ LANE_FN struct light_sample8 light_sample(const struct kernel_scene *ks, unsigne
             struct vec3x8 column_y = { GATHER(quadrics, struct quadric, to_world[1], quadric),
                                        GATHER(quadrics, struct quadric, to_world[4], quadric),
                                        GATHER(quadrics, struct quadric, to_world[7], quadric) };
-            struct vec3x8 point = vec3x8_along(vec3x8_scale(column_x, r * cosine), column_y, r * sine);
+            struct vec3x8 point = vec3x8_along(vec3x8_scale(column_x, r * cosine), column_y,
+                                               r * sine);
             point = vec3x8_add(point, vec3x8_sub(center, p));
             struct vec3x8 normal = LIGHT3(normal);
             f8 d2 = vec3x8_length2(point);
@@ -511,8 +516,7 @@ LANE_FN struct light_sample8 light_sample(const struct kernel_scene *ks, unsigne
             out.distance = f8_select(delta, f8_select(distant, far, l), out.distance);
             out.point = vec3x8_select(
                 delta, vec3x8_select(distant, vec3x8_along(p, away, far), from), out.point);
-            out.radiance =
-                vec3x8_select(delta, vec3x8_scale(out.radiance, falloff), out.radiance);
+            out.radiance = vec3x8_select(delta, vec3x8_scale(out.radiance, falloff), out.radiance);
             out.pdf = f8_select(delta, F8(1), out.pdf);
             out.pdf_position = f8_select(delta, chosen, out.pdf_position);
             out.pdf_direction = f8_select(delta, F8(0.25f * PI_INV_F), out.pdf_direction);

@@ -141,10 +141,14 @@ static void geometry_fill(struct scene *scene)
           FAN_VERTICES, 0u - (BOX_VERTICES + LIGHT_VERTICES), 0, COATED, SCENE_NONE, MESH_NORMALS },
     };
     memcpy(scene->meshes, meshes, sizeof(meshes));
-    quadric_fill(&scene->quadrics[0], QUADRIC_SPHERE, (float[3]){ -0.5f, 0.4f, 0.2f }, 0.1f, WHITE, BALL);
-    quadric_fill(&scene->quadrics[1], QUADRIC_DISK, (float[3]){ 0.2f, 0.1f, -0.9f }, 0.2f, WHITE, WINDOW);
-    quadric_fill(&scene->quadrics[2], QUADRIC_SPHERE, (float[3]){ 0.4f, 0, 0.3f }, 0.3f, GLASS, SCENE_NONE);
-    quadric_fill(&scene->quadrics[3], QUADRIC_SPHERE, (float[3]){ -0.4f, -0.3f, -0.3f }, 0.25f, METAL, SCENE_NONE);
+    quadric_fill(&scene->quadrics[0], QUADRIC_SPHERE, (float[3]){ -0.5f, 0.4f, 0.2f }, 0.1f, WHITE,
+                 BALL);
+    quadric_fill(&scene->quadrics[1], QUADRIC_DISK, (float[3]){ 0.2f, 0.1f, -0.9f }, 0.2f, WHITE,
+                 WINDOW);
+    quadric_fill(&scene->quadrics[2], QUADRIC_SPHERE, (float[3]){ 0.4f, 0, 0.3f }, 0.3f, GLASS,
+                 SCENE_NONE);
+    quadric_fill(&scene->quadrics[3], QUADRIC_SPHERE, (float[3]){ -0.4f, -0.3f, -0.3f }, 0.25f,
+                 METAL, SCENE_NONE);
 }
 
 static struct scene *micro_scene(void)
@@ -163,7 +167,7 @@ static struct scene *micro_scene(void)
     scene->light_corner_count = LIGHT_VERTICES;
     scene->triangle_light_count = LIGHT_TRIANGLES;
     bool allocated = true;
-#define X(member, count, type, per)                                                     \
+#define X(member, count, type, per)                                                        \
     scene->member = arena_alloc(scene->arena, (size_t)scene->count * (per), sizeof(type)); \
     allocated = allocated && scene->member != NULL;
     SCENE_ARRAYS(X)
@@ -192,8 +196,9 @@ static struct scene *micro_scene(void)
                                  .screen = { -1, 1, -1, 1 },
                                  .lens_radius = 0.01f,
                                  .focal_distance = 1.5f };
-    s->filter = (struct filter_spec){ .kind = FILTER_MITCHELL, .radius = { 2, 2 },
-                                      .b = 1 / 3.0f, .c = 1 / 3.0f };
+    s->filter = (struct filter_spec){
+        .kind = FILTER_MITCHELL, .radius = { 2, 2 }, .b = 1 / 3.0f, .c = 1 / 3.0f
+    };
     s->max_depth = 32;
     s->has_normals = 1;
     s->effects = scene_effects(scene);
@@ -205,8 +210,13 @@ bool micro_render(uint8_t out[32], struct err *err)
     struct scene *scene = micro_scene();
     if (scene == NULL)
         return err_set(err, ERR_MEMORY, "no memory for the micro-render");
-    struct job_spec spec = { .seed = 1, .replicates = 1, .leaf_samples = 4, .channel_count = 3,
-                             .depth_cap = 65536, .kernel = 1, .max_lanes = 8 };
+    struct job_spec spec = { .seed = 1,
+                             .replicates = 1,
+                             .leaf_samples = 4,
+                             .channel_count = 3,
+                             .depth_cap = 65536,
+                             .kernel = 1,
+                             .max_lanes = 8 };
     bool ok = false;
     struct kernel_scene *ks = kernel_open(scene, &spec, err);
     if (ks == NULL)

@@ -15,7 +15,8 @@
 
 #include <assert.h>
 
-/* Without AVX2 there is the last variant only: the fallback need not be fast, but takes long to compile */
+/* Without AVX2 there is the last variant only: the fallback need not be fast, but takes long to
+ * compile */
 #if defined(KERNEL_EVERYTHING_ONLY)
 #define KERNEL_VARIANTS(X) X(everything, FX_ALL)
 #else
@@ -26,22 +27,22 @@
 #define JOIN(a, b, c)  JOIN_(a, b, c)
 
 /*
- * Throughput at which roulette begins. Measured at equal time on the three comparison scenes: 1 ends
- * paths so early that relMSE doubles, below 1/4 the longer paths cost more than they bring.
+ * Throughput at which roulette begins. Measured at equal time on the three comparison scenes: 1
+ * ends paths so early that relMSE doubles, below 1/4 the longer paths cost more than they bring.
  */
 #define ROULETTE_REFERENCE 0.25f
 
 /* Everything a path carries from one vertex to the next, a path per lane */
 struct path8 {
-    struct vec3x8 o, d;     /* the next ray */
-    struct vec3x8 beta, L;  /* throughput so far, radiance gathered so far */
-    struct vec3x8 from;     /* the vertex the ray left, for the light's density */
-    f8 pdf;                 /* density of d at that vertex; 0 after a delta event and at the camera */
-    f8 eta_scale;           /* product of eta^2 so far: beta * eta_scale is what reaches the eye */
+    struct vec3x8 o, d;    /* the next ray */
+    struct vec3x8 beta, L; /* throughput so far, radiance gathered so far */
+    struct vec3x8 from;    /* the vertex the ray left, for the light's density */
+    f8 pdf;       /* density of d at that vertex; 0 after a delta event and at the camera */
+    f8 eta_scale; /* product of eta^2 so far: beta * eta_scale is what reaches the eye */
     struct sample_key8 key;
-    i8 events;              /* scattering events so far */
-    i8 state;               /* of the path automaton */
-    i8 slot;                /* sample of the leaf */
+    i8 events; /* scattering events so far */
+    i8 state;  /* of the path automaton */
+    i8 slot;   /* sample of the leaf */
 };
 
 /* Camera rays made eight at a time and handed to lanes as they fall free */
@@ -89,8 +90,7 @@ LANE_FN void camera_batch_fill(struct camera_batch *batch, const struct kernel_s
         sampler_2d(&ks->sampler, any, &batch->key,
                    sample_dimension(SAMPLE_FROM_CAMERA, U8(0), SAMPLE_LENS), &lu, &lv);
     struct vec2x8 offset = filter_offset(&ks->filter, fx, negative, lobe, u, v);
-    struct ray8 ray =
-        camera_ray(ks->scene, fx, px + 0.5f + offset.x, py + 0.5f + offset.y, lu, lv);
+    struct ray8 ray = camera_ray(ks->scene, fx, px + 0.5f + offset.x, py + 0.5f + offset.y, lu, lv);
     batch->o = ray.o;
     batch->d = ray.d;
     batch->used = 0;
@@ -207,7 +207,8 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
             if (batch.used == batch.count) {
                 if (next_slot >= slot_end)
                     break;
-                camera_batch_fill(&batch, ks, fx, &tile, replicate, first_sample, next_slot, slot_end);
+                camera_batch_fill(&batch, ks, fx, &tile, replicate, first_sample, next_slot,
+                                  slot_end);
                 next_slot += batch.count;
             }
             alive |= camera_batch_take(&batch, ks, fx, usable & ~alive, &path);
@@ -291,9 +292,11 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         /* Which material; a mix decides here, once per level of nesting */
         i8 id = s.material;
         if (fx & FX_MIX) {
-            i8 mixed = hit & (GATHER_I(scene->materials, struct material, kind, id) == MATERIAL_MIX);
+            i8 mixed = hit &
+                       (GATHER_I(scene->materials, struct material, kind, id) == MATERIAL_MIX);
             if (i8_any(mixed)) {
-                f8 u = sampler_1d(&ks->sampler, any, &path.key, vertex_dimension(&path, SAMPLE_MIX));
+                f8 u = sampler_1d(&ks->sampler, any, &path.key,
+                                  vertex_dimension(&path, SAMPLE_MIX));
                 while (i8_any(mixed)) {
                     f8 amount = GATHER(scene->materials, struct material, mix_amount, id);
                     i8 second = u < amount;
@@ -369,8 +372,8 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         if (fx & (FX_MIXTURE | FX_DIELECTRIC | FX_COAT))
             lobe = sampler_1d(&ks->sampler, any, &path.key,
                               vertex_dimension(&path, SAMPLE_BSDF_LOBE));
-        sampler_2d(&ks->sampler, any, &path.key, vertex_dimension(&path, SAMPLE_BSDF_DIRECTION),
-                   &u, &v);
+        sampler_2d(&ks->sampler, any, &path.key, vertex_dimension(&path, SAMPLE_BSDF_DIRECTION), &u,
+                   &v);
         struct bsdf_sample8 bs = bsdf_sample(&bsdf, fx, TRANSPORT_RADIANCE, go, wo, lobe, u, v);
         struct vec3x8 wi_world = frame_to_world(&frame, bs.wi);
         f8 wi_side = vec3x8_dot(s.ng, wi_world);
@@ -387,9 +390,9 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         }
 
         /*
-         * Russian roulette from the second event on: survive with probability q, the throughput that
-         * reaches the eye over ROULETTE_REFERENCE, never capped below it, so that no survivor weighs
-         * more than the reference (NUMERICS H47, H48)
+         * Russian roulette from the second event on: survive with probability q, the throughput
+         * that reaches the eye over ROULETTE_REFERENCE, never capped below it, so that no survivor
+         * weighs more than the reference (NUMERICS H47, H48)
          */
         f8 q = vec3x8_max(beta);
         if (fx & FX_DIELECTRIC) {
@@ -421,14 +424,13 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
     }
 }
 
-#define X(name, mask)                                                                              \
-    void JOIN(path_leaf_, name, KERNEL_ISA)(const struct kernel_scene *ks,                         \
-                                            struct kernel_thread *thread, uint32_t tile,           \
-                                            uint32_t replicate, uint64_t leaf,                     \
-                                            struct path_stats *stats)                              \
-    {                                                                                              \
-        assert((ks->fx & ~(unsigned)(mask)) == 0);                                                 \
-        path_radiance(ks, thread, tile, replicate, leaf, stats, (mask));                           \
+#define X(name, mask)                                                               \
+    void JOIN(path_leaf_, name, KERNEL_ISA)(                                        \
+        const struct kernel_scene *ks, struct kernel_thread *thread, uint32_t tile, \
+        uint32_t replicate, uint64_t leaf, struct path_stats *stats)                \
+    {                                                                               \
+        assert((ks->fx & ~(unsigned)(mask)) == 0);                                  \
+        path_radiance(ks, thread, tile, replicate, leaf, stats, (mask));            \
     }
 KERNEL_VARIANTS(X)
 #undef X
@@ -441,7 +443,8 @@ void JOIN(path_quadric_, bounds, KERNEL_ISA)(const struct RTCBoundsFunctionArgum
     const struct quadric *q = &scene->quadrics[args->primID];
     float half[3];
     for (int axis = 0; axis < 3; axis++) {
-        /* The image of a ball reaches |row| * radius along each axis; a disk's, |x, y part of row| */
+        /* The image of a ball reaches |row| * radius along each axis; a disk's, |x, y part of row|
+         */
         const float *row = q->to_world + 3 * axis;
         float z = q->kind == QUADRIC_SPHERE ? row[2] : 0;
         half[axis] = q->radius * __builtin_sqrtf(row[0] * row[0] + row[1] * row[1] + z * z);

@@ -8,12 +8,12 @@
 #include "worker/kernel/kernel_scene.h"
 #include "worker/kernel/path_variants.def"
 
-#define PATH_DECLARE(name, isa)                                                               \
+#define PATH_DECLARE(name, isa)                                                                \
     void path_leaf_##name##_##isa(const struct kernel_scene *ks, struct kernel_thread *thread, \
-                                  uint32_t tile, uint32_t replicate, uint64_t leaf,           \
+                                  uint32_t tile, uint32_t replicate, uint64_t leaf,            \
                                   struct path_stats *stats);
-#define PATH_DECLARE_CALLBACKS(isa)                                                    \
-    void path_quadric_bounds_##isa(const struct RTCBoundsFunctionArguments *args);     \
+#define PATH_DECLARE_CALLBACKS(isa)                                                       \
+    void path_quadric_bounds_##isa(const struct RTCBoundsFunctionArguments *args);        \
     void path_quadric_intersect_##isa(const struct RTCIntersectFunctionNArguments *args); \
     void path_quadric_occluded_##isa(const struct RTCOccludedFunctionNArguments *args);
 
