@@ -2,11 +2,12 @@
 #include "common/bytes.h"
 #include "common/err.h"
 
-#include <cmocka.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <string.h>
+
+#include <cmocka.h>
 
 static void write_everything(struct writer *out)
 {

@@ -11,11 +11,12 @@
 #include "proto/frame.h"
 #include "tests/scratch.h"
 
-#include <cmocka.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <unistd.h>
+
+#include <cmocka.h>
 
 #define VERTICES  800000u /* three slices of positions */
 #define TRIANGLES 50u

@@ -8,7 +8,6 @@
 #include "tests/scratch.h"
 
 #include <arpa/inet.h>
-#include <cmocka.h>
 #include <openssl/ssl.h>
 #include <pthread.h>
 #include <setjmp.h>
@@ -16,6 +15,8 @@
 #include <stddef.h>
 #include <sys/stat.h>
 #include <unistd.h>
+
+#include <cmocka.h>
 
 #define PATIENCE_MS 20000
 

@@ -4,12 +4,13 @@
 #include "proto/limits.h"
 #include "proto/version.h"
 
-#include <cmocka.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include <cmocka.h>
 
 static void the_published_vectors_come_out(void **state)
 {

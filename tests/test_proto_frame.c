@@ -3,12 +3,13 @@
 #include "common/err.h"
 #include "proto/frame.h"
 
-#include <cmocka.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include <cmocka.h>
 
 struct seen {
     unsigned count;

@@ -3,12 +3,13 @@
 #include "proto/keys.h"
 #include "tests/scratch.h"
 
-#include <cmocka.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <sys/stat.h>
 #include <unistd.h>
+
+#include <cmocka.h>
 
 static char dir[256];
 

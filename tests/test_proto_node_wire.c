@@ -3,13 +3,14 @@
 #include "proto/limits.h"
 #include "proto/node_wire.h"
 
-#include <cmocka.h>
 #include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include <cmocka.h>
 
 #define PIXELS   37 /* an odd number, so that the last word of failed bits is not full */
 #define CHANNELS 5
