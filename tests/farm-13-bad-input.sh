@@ -74,6 +74,8 @@ refused bad.pbrt:5:10 'dielectric'
 bad 'MakeNamedMaterial "a" "string type" "mix" "string materials" [ "a" "a" ]' \
     'NamedMaterial "a"' 'Shape "sphere"'
 refused bad.pbrt:5:37 'contains itself'
+bad 'Material "diffuse" "rgb reflectance" [ -0.1 0 0 ]'
+refused bad.pbrt:5:20 '-0.1'
 bad 'ObjectInstance "ghost"'
 refused bad.pbrt:5:1 'ObjectInstance'
 bad 'LightSource "infinite" "string filename" "sky.exr"'

@@ -763,6 +763,19 @@ static void lights_are_chosen_as_often_as_they_say(void **state) /* H42, H46 */
     }
 }
 
+static void two_techniques_share_one_weight(void **state) /* H45 */
+{
+    (void)state;
+    const float densities[] = { 1e-30f, 1e-20f, 1e-3f, 1, 0.75f, 1e3f, 1e20f, 1e30f };
+    for (int i = 0; i < 8; i++)
+        for (int k = 0; k < 8; k++) {
+            float own = densities[i], other = densities[k];
+            float sum = mis_weight(F8(own), F8(other))[0] + mis_weight(F8(other), F8(own))[0];
+            EXPECT_NEAR((double)sum, 1, 4 * 0x1p-24);
+        }
+    assert_true(mis_weight(F8(2), F8(0))[0] == 1);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -779,6 +792,7 @@ int main(void)
         cmocka_unit_test(light_from_behind_or_edge_on_gives_nothing),
         cmocka_unit_test(delta_lights_fall_off_as_they_should),
         cmocka_unit_test(lights_are_chosen_as_often_as_they_say),
+        cmocka_unit_test(two_techniques_share_one_weight),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -28,6 +28,16 @@ struct light_sample8 {
     i8 delta, valid;
 };
 
+/*
+ * The power heuristic: the weight of a sample taken with density `own` that another technique would
+ * have taken with density `other`. As a ratio, so that no square overflows (NUMERICS H45); own > 0.
+ */
+LANE_FN f8 mis_weight(f8 own, f8 other)
+{
+    f8 ratio = other / own;
+    return 1 / (1 + ratio * ratio);
+}
+
 /* ---- choosing a light: binary search in the cumulative pick probabilities */
 
 LANE_FN i8 light_choose(const struct kernel_scene *ks, unsigned fx, f8 u)

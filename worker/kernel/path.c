@@ -281,8 +281,7 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
             f8 w = F8(1);
             if (i8_any(rival)) {
                 f8 pdf_light = light_pdf(ks, fx, rival, light, path.from, s.p, n);
-                f8 ratio = pdf_light / path.pdf;
-                w = f8_select(rival, 1 / (1 + ratio * ratio), w);
+                w = f8_select(rival, mis_weight(path.pdf, pdf_light), w);
             }
             struct vec3x8 Le = LIGHT3(radiance);
             struct vec3x8 seen = vec3x8_mul(vec3x8_scale(path.beta, w), Le);
@@ -358,10 +357,10 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
                 struct vec3x8 to = vec3x8_sub(ls.point, o);
                 stats->rays_shadow += (unsigned)__builtin_popcount(i8_bits(worth));
                 i8 visible = unoccluded(ks, thread, worth, o, to);
-                f8 ratio = f.pdf / ls.pdf;
-                f8 w = 1 / ((1 + ratio * ratio) * ls.pdf);
+                f8 w = mis_weight(ls.pdf, f.pdf);
                 if (fx & FX_DELTA_LIGHT)
-                    w = f8_select(ls.delta, 1 / ls.pdf, w);
+                    w = f8_select(ls.delta, F8(1), w);
+                w = w / ls.pdf;
                 struct vec3x8 seen = vec3x8_mul(vec3x8_mul(path.beta, f.f_cos), ls.radiance);
                 path.L = vec3x8_add_where(visible, path.L, vec3x8_scale(seen, w));
             }
