@@ -418,7 +418,9 @@ int cmd_render(int argc, char **argv)
         goto fail;
     r->film = film_new(r->setup.scene, &r->setup.spec, r->setup.rounds, memory_bytes() / 4 * 3,
                        &err);
-    if (r->film == NULL)
+    /* With --time nobody knows yet how many rounds there will be */
+    unsigned rounds = r->setup.spp_asked == 0 ? ROUND_COUNT : r->setup.rounds;
+    if (r->film == NULL || !film_take_memory(r->film, rounds, &err))
         goto fail;
     status = run(r);
     goto done;

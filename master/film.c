@@ -7,6 +7,7 @@
 
 #include <assert.h>
 #include <inttypes.h>
+#include <malloc.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
@@ -58,6 +59,19 @@ uint64_t film_memory_bytes(const struct scene *scene, const struct job_spec *spe
         bytes += spec->replicates * (sizeof(struct pair) + SUMS_AT_ROUND_END * sums);
     }
     return bytes;
+}
+
+/* The most sums that a pair holds at the end of any of its first `rounds` rounds */
+static int sums_held_at_most(unsigned rounds)
+{
+    int most = 1;
+    for (unsigned round = 0; round < rounds && round < ROUND_COUNT; round++) {
+        int held = __builtin_popcountll(round_end(round));
+        most = held > most ? held : most;
+        if (most == SUMS_AT_ROUND_END)
+            break;
+    }
+    return most;
 }
 
 struct film *film_new(const struct scene *scene, const struct job_spec *spec, unsigned rounds,
@@ -113,6 +127,22 @@ fail_rects:
 fail_film:
     err_set(err, ERR_MEMORY, "no memory for the film");
     return NULL;
+}
+
+bool film_take_memory(const struct film *film, unsigned rounds, struct err *err)
+{
+    size_t count = (size_t)film->tiles * film->replicates * (size_t)sums_held_at_most(rounds);
+    struct node_sums **taken = calloc(count, sizeof(*taken));
+    bool enough = taken != NULL;
+    mallopt(M_TRIM_THRESHOLD, -1);
+    for (size_t i = 0; enough && i < count; i++) {
+        taken[i] = node_sums_new(pixels_of(&film->rects[i % film->tiles]), film->channels);
+        enough = taken[i] != NULL;
+    }
+    for (size_t i = 0; taken != NULL && i < count; i++)
+        node_sums_free(taken[i]);
+    free(taken);
+    return enough || err_set(err, ERR_MEMORY, "no memory for the film");
 }
 
 void film_free(struct film *film)

@@ -36,6 +36,13 @@ struct film *film_new(const struct scene *scene, const struct job_spec *spec, un
                       uint64_t limit_bytes, struct err *err);
 void film_free(struct film *film);
 
+/*
+ * Take the memory that the sums of `rounds` rounds will need now, touch it, and hand it back to
+ * malloc, which is told to keep it: a job that cannot fit fails at its start and not after days,
+ * and from then on the memory of the process stays flat. ERR_MEMORY otherwise.
+ */
+bool film_take_memory(const struct film *film, unsigned rounds, struct err *err);
+
 /* Extending a job: accept this many rounds from now on. Never below what came in already. */
 void film_extend(struct film *film, unsigned rounds);
 
