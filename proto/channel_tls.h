@@ -1,5 +1,5 @@
 /*
- * TLS 1.3 without sockets, for proto/channel.c only: ciphertext in, plaintext out, and back. What
+ * TLS 1.3 without sockets, for proto/channel*.c only: ciphertext in, plaintext out, and back. What
  * is to be sent is handed to a sink at once, which copies it; OpenSSL never owns bytes that a
  * write in flight points to, and no buffer between the two can fill up and block the handshake.
  */
