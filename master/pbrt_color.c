@@ -1,5 +1,6 @@
-#include "master/pbrt_reader.h"
+#include "master/pbrt_color.h"
 
+#include "master/pbrt_reader.h"
 #include "master/spectrum.h"
 
 #include <math.h>
@@ -67,14 +68,15 @@ static void from_name(struct pbrt_params *params, const struct pbrt_param *param
         return;
     } else if (kind == COLOR_INDEX && spectrum_glass(name, &ior)) {
         rgb[0] = rgb[1] = rgb[2] = ior;
-        pbrt_note(params->reader, &token->pos,
-                  "%s: the index of refraction at 588 nm is used for all colours", name);
+        pbrt_report_note(params->reader, &token->pos,
+                         "%s: the index of refraction at 588 nm is used for all colours", name);
     } else if (kind == COLOR_LIGHT && spectrum_illuminant(name, rgb)) {
         return;
     } else if (memchr(token->text, '.', token->length) != NULL ||
                strncmp(name, "stdillum-", 9) == 0) {
         if (!params->failed)
-            params->failed = !pbrt_later(params->reader, &token->pos, "the spectrum \"%s\"", name);
+            params->failed = !pbrt_report_later(params->reader, &token->pos, "the spectrum \"%s\"",
+                                                name);
     } else {
         size_t count = 0;
         while (spectrum_names[count] != NULL)
@@ -95,7 +97,8 @@ static void check_range(struct pbrt_params *params, const struct pbrt_param *par
         }
         if (kind == COLOR_REFLECTANCE && rgb[c] > 1) {
             if (rgb[c] > 1 + 1e-6)
-                pbrt_note(params->reader, &param->pos, "a reflectance above 1 is taken as 1");
+                pbrt_report_note(params->reader, &param->pos,
+                                 "a reflectance above 1 is taken as 1");
             rgb[c] = 1;
         }
     }
@@ -118,9 +121,9 @@ bool pbrt_color(struct pbrt_params *params, const char *name, enum pbrt_color_ki
         break;
     case PARAM_SPECTRUM:
         if (param->string_count > 0 && param->number_count == 0) {
-            unsigned long long warnings = params->reader->warnings;
+            unsigned long long warnings = params->reader->report.warnings;
             from_name(params, param, kind, color);
-            known = warnings == params->reader->warnings;
+            known = warnings == params->reader->report.warnings;
         } else if (param->string_count == 0) {
             from_pairs(params, param, kind, color);
         } else {
@@ -128,7 +131,8 @@ bool pbrt_color(struct pbrt_params *params, const char *name, enum pbrt_color_ki
         }
         break;
     case PARAM_TEXTURE:
-        params->failed = !pbrt_later(params->reader, &param->pos, "a texture for \"%s\"", name);
+        params->failed = !pbrt_report_later(params->reader, &param->pos, "a texture for \"%s\"",
+                                            name);
         return false;
     case PARAM_FLOAT:
         if (kind == COLOR_INDEX && param->number_count == 1) {

@@ -1,6 +1,8 @@
-#include "master/pbrt_reader.h"
+#include "master/pbrt_lights.h"
 
 #include "common/elem.h"
+#include "master/pbrt_color.h"
+#include "master/pbrt_reader.h"
 
 #include <math.h>
 
@@ -90,7 +92,7 @@ bool pbrt_lights_add(struct pbrt_reader *reader, const struct pbrt_token *type)
 {
     struct pbrt_params *params = &reader->params;
     const struct pbrt_name *found;
-    if (!pbrt_name(reader, "light", kinds, COUNT(kinds), type, &found))
+    if (!pbrt_names_choose(reader, "light", kinds, COUNT(kinds), type, &found))
         return false;
     if (found == NULL)
         return true;
@@ -128,7 +130,7 @@ bool pbrt_lights_add(struct pbrt_reader *reader, const struct pbrt_token *type)
     for (int i = 0; i < 3; i++) {
         light->radiance[i] = (float)rgb[i];
         if (!isfinite(light->radiance[i]) || !isfinite(built.position[i]))
-            return pbrt_fail(reader, &type->pos, "the light's numbers are too large");
+            return pbrt_report_error(reader, &type->pos, "the light's numbers are too large");
     }
     if (rgb[0] == 0 && rgb[1] == 0 && rgb[2] == 0)
         return true;
@@ -136,7 +138,7 @@ bool pbrt_lights_add(struct pbrt_reader *reader, const struct pbrt_token *type)
         return add_sky(reader, rgb);
     struct build_light *added = growing_add(&reader->build->lights, 1, sizeof(*added));
     if (added == NULL)
-        return pbrt_no_memory(reader);
+        return pbrt_report_no_memory(reader);
     *added = built;
     return true;
 }
@@ -145,7 +147,7 @@ bool pbrt_lights_area(struct pbrt_reader *reader, const struct pbrt_token *type)
 {
     struct pbrt_params *params = &reader->params;
     const struct pbrt_name *found;
-    if (!pbrt_name(reader, "area light", area_kinds, COUNT(area_kinds), type, &found))
+    if (!pbrt_names_choose(reader, "area light", area_kinds, COUNT(area_kinds), type, &found))
         return false;
     struct emitter emitter = { .pos = type->pos };
     read_light(params, "L", emitter.radiance);
@@ -158,7 +160,7 @@ bool pbrt_lights_area(struct pbrt_reader *reader, const struct pbrt_token *type)
     reader->state.emitter = (uint32_t)emitters->count;
     struct emitter *added = growing_add(emitters, 1, sizeof(*added));
     if (added == NULL)
-        return pbrt_no_memory(reader);
+        return pbrt_report_no_memory(reader);
     *added = emitter;
     return true;
 }

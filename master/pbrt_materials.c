@@ -1,6 +1,8 @@
-#include "master/pbrt_reader.h"
+#include "master/pbrt_materials.h"
 
 #include "master/coat.h"
+#include "master/pbrt_color.h"
+#include "master/pbrt_reader.h"
 #include "master/spectrum.h"
 
 #include <math.h>
@@ -37,6 +39,21 @@ static const struct pbrt_name kinds[] = {
     { "substrate", 0, NAME_OLD, "in pbrt-v4 it is \"coateddiffuse\"" },
     { "translucent", 0, NAME_OLD, "in pbrt-v4 it is \"diffusetransmission\"" },
     { "uber", 0, NAME_OLD, "in pbrt-v4 there is \"coateddiffuse\"" },
+};
+
+struct pbrt_material {
+    struct material material;
+    double coat_thickness;
+    uint32_t mixes[2]; /* index in `mix_names`, for MATERIAL_MIX */
+    uint32_t in_scene; /* index among the scene's materials, or SCENE_NONE */
+    bool busy;         /* being resolved: a mix that meets itself */
+    struct source_pos pos;
+};
+
+struct pbrt_material_name {
+    const char *text;
+    size_t length;
+    uint32_t definition;
 };
 
 struct pbrt_coat {
@@ -86,7 +103,8 @@ static float read_ior(struct pbrt_params *params)
 {
     double rgb[3] = { 1.5, 1.5, 1.5 };
     if (pbrt_color(params, "eta", COLOR_INDEX, rgb) && (rgb[0] != rgb[1] || rgb[1] != rgb[2]))
-        pbrt_note(params->reader, &params->pos, "one index of refraction is used for all colours");
+        pbrt_report_note(params->reader, &params->pos,
+                         "one index of refraction is used for all colours");
     double ior = (rgb[0] + rgb[1] + rgb[2]) / 3;
     if (!params->failed && !(ior >= 0.1 && ior <= 10))
         pbrt_params_fail(params, pbrt_params_find(params, "eta"),
@@ -138,8 +156,8 @@ static void read_coat(struct pbrt_params *params, struct pbrt_material *definiti
     double albedo[3] = { 0, 0, 0 };
     if (pbrt_color(params, "albedo", COLOR_REFLECTANCE, albedo) &&
         (albedo[0] > 0 || albedo[1] > 0 || albedo[2] > 0) && !params->failed)
-        params->failed = !pbrt_later(params->reader, &params->pos,
-                                     "a coat with a medium that scatters (\"albedo\")");
+        params->failed = !pbrt_report_later(params->reader, &params->pos,
+                                            "a coat with a medium that scatters (\"albedo\")");
     pbrt_params_float(params, "g", 0); /* of that medium */
     pbrt_params_ignore(params, "maxdepth");
     pbrt_params_ignore(params, "nsamples"); /* of a walk that we do not take */
@@ -160,15 +178,15 @@ static void read_mix(struct pbrt_params *params, struct pbrt_material *definitio
     definition->material.mix_amount = (float)amount;
     if (params->failed)
         return;
-    struct pbrt_token *copies = growing_add(&reader->mix_names, 2, sizeof(*copies));
+    struct pbrt_token *copies = growing_add(&reader->materials.mix_names, 2, sizeof(*copies));
     if (copies == NULL) {
         params->failed = true;
-        pbrt_no_memory(reader);
+        pbrt_report_no_memory(reader);
         return;
     }
     for (int i = 0; i < 2; i++) {
         copies[i] = names[i];
-        definition->mixes[i] = (uint32_t)(reader->mix_names.count - 2 + (size_t)i);
+        definition->mixes[i] = (uint32_t)(reader->materials.mix_names.count - 2 + (size_t)i);
     }
 }
 
@@ -212,10 +230,10 @@ static void read_material(struct pbrt_params *params, struct pbrt_material *defi
 static bool add_definition(struct pbrt_reader *reader, const struct pbrt_material *definition,
                            uint32_t *index)
 {
-    *index = (uint32_t)reader->materials.count;
-    struct pbrt_material *added = growing_add(&reader->materials, 1, sizeof(*added));
+    *index = (uint32_t)reader->materials.definitions.count;
+    struct pbrt_material *added = growing_add(&reader->materials.definitions, 1, sizeof(*added));
     if (added == NULL)
-        return pbrt_no_memory(reader);
+        return pbrt_report_no_memory(reader);
     *added = *definition;
     return true;
 }
@@ -232,7 +250,7 @@ static struct pbrt_material grey_diffuse(const struct source_pos *pos)
 static bool parse(struct pbrt_reader *reader, const struct pbrt_token *type, uint32_t *index)
 {
     const struct pbrt_name *found;
-    if (!pbrt_name(reader, "material", kinds, COUNT(kinds), type, &found))
+    if (!pbrt_names_choose(reader, "material", kinds, COUNT(kinds), type, &found))
         return false;
     struct pbrt_material definition = grey_diffuse(&type->pos);
     if (found != NULL) {
@@ -251,6 +269,14 @@ bool pbrt_materials_start(struct pbrt_reader *reader)
     return add_definition(reader, &definition, &reader->state.material);
 }
 
+void pbrt_materials_free(struct pbrt_materials *materials)
+{
+    growing_free(&materials->definitions);
+    growing_free(&materials->names);
+    growing_free(&materials->mix_names);
+    growing_free(&materials->coats);
+}
+
 bool pbrt_materials_set(struct pbrt_reader *reader, const struct pbrt_token *type)
 {
     return parse(reader, type, &reader->state.material);
@@ -259,8 +285,8 @@ bool pbrt_materials_set(struct pbrt_reader *reader, const struct pbrt_token *typ
 static const struct pbrt_material_name *find_name(const struct pbrt_reader *reader,
                                                   const struct pbrt_token *name)
 {
-    const struct pbrt_material_name *names = reader->material_names.data;
-    for (size_t i = 0; i < reader->material_names.count; i++)
+    const struct pbrt_material_name *names = reader->materials.names.data;
+    for (size_t i = 0; i < reader->materials.names.count; i++)
         if (names[i].length == name->length && memcmp(names[i].text, name->text, name->length) == 0)
             return &names[i];
     return NULL;
@@ -268,24 +294,24 @@ static const struct pbrt_material_name *find_name(const struct pbrt_reader *read
 
 static bool no_such_material(struct pbrt_reader *reader, const struct pbrt_token *name)
 {
-    const struct pbrt_material_name *names = reader->material_names.data;
-    if (reader->material_names.count == 0)
-        return pbrt_fail(reader, &name->pos, "no material \"%.*s\": none has been named",
-                         (int)name->length, name->text);
+    const struct pbrt_material_name *names = reader->materials.names.data;
+    if (reader->materials.names.count == 0)
+        return pbrt_report_error(reader, &name->pos, "no material \"%.*s\": none has been named",
+                                 (int)name->length, name->text);
 
     /* The first few hundred are enough to be helpful */
     char texts[256][48];
     const char *list[256];
-    size_t count = reader->material_names.count < 256 ? reader->material_names.count : 256;
+    size_t count = reader->materials.names.count < 256 ? reader->materials.names.count : 256;
     for (size_t i = 0; i < count; i++) {
         size_t length = names[i].length < sizeof(texts[i]) ? names[i].length : sizeof(texts[i]) - 1;
         memcpy(texts[i], names[i].text, length);
         texts[i][length] = '\0';
         list[i] = texts[i];
     }
-    return pbrt_fail(reader, &name->pos, "no material \"%.*s\"; the nearest is \"%s\"",
-                     (int)name->length, name->text,
-                     pbrt_names_nearest_of(list, count, name->text, name->length));
+    return pbrt_report_error(reader, &name->pos, "no material \"%.*s\"; the nearest is \"%s\"",
+                             (int)name->length, name->text,
+                             pbrt_names_nearest_of(list, count, name->text, name->length));
 }
 
 bool pbrt_materials_define(struct pbrt_reader *reader, const struct pbrt_token *name)
@@ -297,15 +323,15 @@ bool pbrt_materials_define(struct pbrt_reader *reader, const struct pbrt_token *
         return false;
     }
     if (find_name(reader, name) != NULL)
-        return pbrt_fail(reader, &name->pos, "material \"%.*s\" is defined twice",
-                         (int)name->length, name->text);
+        return pbrt_report_error(reader, &name->pos, "material \"%.*s\" is defined twice",
+                                 (int)name->length, name->text);
     uint32_t definition;
     struct pbrt_token type_copy = *type;
     if (!parse(reader, &type_copy, &definition))
         return false;
-    struct pbrt_material_name *added = growing_add(&reader->material_names, 1, sizeof(*added));
+    struct pbrt_material_name *added = growing_add(&reader->materials.names, 1, sizeof(*added));
     if (added == NULL)
-        return pbrt_no_memory(reader);
+        return pbrt_report_no_memory(reader);
     *added = (struct pbrt_material_name){ name->text, name->length, definition };
     return true;
 }
@@ -325,17 +351,17 @@ bool pbrt_materials_use(struct pbrt_reader *reader, const struct pbrt_token *nam
 static bool resolve_coat(struct pbrt_reader *reader, struct material *material, double thickness)
 {
     float alpha = (material->alpha[0] + material->alpha[1]) / 2;
-    struct pbrt_coat *coats = reader->coats.data, *coat = NULL;
-    for (size_t i = 0; i < reader->coats.count && coat == NULL; i++)
+    struct pbrt_coat *coats = reader->materials.coats.data, *coat = NULL;
+    for (size_t i = 0; i < reader->materials.coats.count && coat == NULL; i++)
         if (coats[i].alpha == alpha && coats[i].ior == material->ior &&
             coats[i].thickness == thickness)
             coat = &coats[i];
     if (coat == NULL) {
         struct growing *tables = &reader->build->coat_tables;
-        coat = growing_add(&reader->coats, 1, sizeof(*coat));
+        coat = growing_add(&reader->materials.coats, 1, sizeof(*coat));
         float *table = growing_add(tables, 1, COAT_TABLE_LEN * sizeof(float));
         if (coat == NULL || table == NULL)
-            return pbrt_no_memory(reader);
+            return pbrt_report_no_memory(reader);
         *coat = (struct pbrt_coat){ .alpha = alpha,
                                     .ior = material->ior,
                                     .thickness = thickness,
@@ -351,22 +377,23 @@ static bool resolve_coat(struct pbrt_reader *reader, struct material *material, 
 
 static bool resolve(struct pbrt_reader *reader, uint32_t index, int depth, uint32_t *in_scene)
 {
-    struct pbrt_material *definition = (struct pbrt_material *)reader->materials.data + index;
+    struct pbrt_material *definition = (struct pbrt_material *)reader->materials.definitions.data +
+                                       index;
     if (definition->in_scene != SCENE_NONE) {
         *in_scene = definition->in_scene;
         return true;
     }
     if (definition->busy || depth == MIX_DEPTH)
-        return pbrt_fail(reader, &definition->pos, "%s",
-                         definition->busy ? "this mix contains itself"
-                                          : "too many mixes inside each other");
+        return pbrt_report_error(reader, &definition->pos, "%s",
+                                 definition->busy ? "this mix contains itself"
+                                                  : "too many mixes inside each other");
     definition->busy = true;
     struct material material = definition->material;
     if (material.kind == MATERIAL_COAT &&
         !resolve_coat(reader, &material, definition->coat_thickness))
         return false;
     for (int i = 0; material.kind == MATERIAL_MIX && i < 2; i++) {
-        const struct pbrt_token *name = (struct pbrt_token *)reader->mix_names.data +
+        const struct pbrt_token *name = (struct pbrt_token *)reader->materials.mix_names.data +
                                         definition->mixes[i];
         const struct pbrt_material_name *found = find_name(reader, name);
         if (found == NULL)
@@ -376,7 +403,7 @@ static bool resolve(struct pbrt_reader *reader, uint32_t index, int depth, uint3
     }
     struct material *added = growing_add(&reader->build->materials, 1, sizeof(*added));
     if (added == NULL)
-        return pbrt_no_memory(reader);
+        return pbrt_report_no_memory(reader);
     *added = material;
     definition->busy = false;
     definition->in_scene = *in_scene = (uint32_t)(reader->build->materials.count - 1);

@@ -1,5 +1,7 @@
 #include "master/pbrt_names.h"
 
+#include "master/pbrt_reader.h"
+
 #include <ctype.h>
 #include <stdint.h>
 #include <string.h>
@@ -62,4 +64,23 @@ const char *pbrt_names_nearest(const struct pbrt_name *names, size_t count,
         if (names[i].state == NAME_OURS)
             ours[kept++] = names[i].text;
     return pbrt_names_nearest_of(ours, kept, token->text, token->length);
+}
+
+bool pbrt_names_choose(struct pbrt_reader *reader, const char *kind, const struct pbrt_name *names,
+                       size_t count, const struct pbrt_token *token, const struct pbrt_name **found)
+{
+    const struct pbrt_name *name = pbrt_names_find(names, count, token);
+    int length = (int)(token->length < 100 ? token->length : 100);
+    *found = NULL;
+    if (name == NULL)
+        return pbrt_report_error(reader, &token->pos, "unknown %s \"%.*s\"; the nearest is \"%s\"",
+                                 kind, length, token->text,
+                                 pbrt_names_nearest(names, count, token));
+    if (name->state == NAME_OLD)
+        return pbrt_report_error(reader, &token->pos, "%s \"%s\" is of pbrt-v3: %s", kind,
+                                 name->text, name->hint);
+    if (name->state == NAME_LATER)
+        return pbrt_report_later(reader, &token->pos, "%s \"%s\"", kind, name->text);
+    *found = name;
+    return true;
 }

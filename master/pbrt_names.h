@@ -7,7 +7,10 @@
 
 #include "master/pbrt_lexer.h"
 
+#include <stdbool.h>
 #include <stddef.h>
+
+struct pbrt_reader;
 
 enum pbrt_name_state {
     NAME_OURS,
@@ -33,5 +36,11 @@ const char *pbrt_names_nearest(const struct pbrt_name *names, size_t count,
 /* The same among plain strings. */
 const char *pbrt_names_nearest_of(const char *const *names, size_t count, const char *text,
                                   size_t length);
+
+/* Look a name up and report what is wrong with it. False: an error. True and *found NULL: known to
+ * pbrt, not to us, and we are lenient. `kind` is "material", "shape", ... */
+bool pbrt_names_choose(struct pbrt_reader *reader, const char *kind, const struct pbrt_name *names,
+                       size_t count, const struct pbrt_token *token,
+                       const struct pbrt_name **found);
 
 #endif

@@ -63,10 +63,10 @@ static bool parse_declaration(struct pbrt_params *params, const struct pbrt_toke
     while (end > name && (end[-1] == ' ' || end[-1] == '\t'))
         end--;
     if (type_length == 0 || name == end)
-        return pbrt_fail(params->reader, &token->pos,
-                         "\"%.*s\" is not a parameter: a type and a name are wanted, as in "
-                         "\"float fov\"",
-                         (int)token->length, token->text);
+        return pbrt_report_error(params->reader, &token->pos,
+                                 "\"%.*s\" is not a parameter: a type and a name are wanted, as in "
+                                 "\"float fov\"",
+                                 (int)token->length, token->text);
     *param = (struct pbrt_param){ .name = name,
                                   .name_length = (size_t)(end - name),
                                   .pos = token->pos,
@@ -81,9 +81,9 @@ static bool parse_declaration(struct pbrt_params *params, const struct pbrt_toke
     const char *names[TYPE_NAMES];
     for (size_t i = 0; i < TYPE_NAMES; i++)
         names[i] = type_names[i].name;
-    return pbrt_fail(params->reader, &token->pos,
-                     "unknown parameter type \"%.*s\"; the nearest is \"%s\"", (int)type_length,
-                     type, pbrt_names_nearest_of(names, TYPE_NAMES, type, type_length));
+    return pbrt_report_error(
+        params->reader, &token->pos, "unknown parameter type \"%.*s\"; the nearest is \"%s\"",
+        (int)type_length, type, pbrt_names_nearest_of(names, TYPE_NAMES, type, type_length));
 }
 
 static bool add_number(struct pbrt_params *params, const struct pbrt_param *param,
@@ -93,21 +93,22 @@ static bool add_number(struct pbrt_params *params, const struct pbrt_param *para
     if (param->type == PARAM_BOOL) {
         value = pbrt_token_is(token, "true");
         if (value == 0 && !pbrt_token_is(token, "false"))
-            return pbrt_fail(params->reader, &token->pos, "\"%.*s\" is neither true nor false",
-                             (int)token->length, token->text);
+            return pbrt_report_error(params->reader, &token->pos,
+                                     "\"%.*s\" is neither true nor false", (int)token->length,
+                                     token->text);
     } else if (!number_parse(token->text, token->text + token->length, &value)) {
-        return pbrt_fail(params->reader, &token->pos, "\"%.*s\" is not a number",
-                         (int)(token->length < 64 ? token->length : 64), token->text);
+        return pbrt_report_error(params->reader, &token->pos, "\"%.*s\" is not a number",
+                                 (int)(token->length < 64 ? token->length : 64), token->text);
     }
     if (!isfinite(value))
-        return pbrt_fail(params->reader, &token->pos, "\"%.*s\" is not a finite number",
-                         (int)token->length, token->text);
+        return pbrt_report_error(params->reader, &token->pos, "\"%.*s\" is not a finite number",
+                                 (int)token->length, token->text);
     if (param->type == PARAM_INTEGER && (value != floor(value) || fabs(value) > 0x1p53))
-        return pbrt_fail(params->reader, &token->pos, "\"%.*s\" is not an integer",
-                         (int)token->length, token->text);
+        return pbrt_report_error(params->reader, &token->pos, "\"%.*s\" is not an integer",
+                                 (int)token->length, token->text);
     double *added = growing_add(&params->numbers, 1, sizeof(double));
     if (added == NULL)
-        return pbrt_no_memory(params->reader);
+        return pbrt_report_no_memory(params->reader);
     *added = value;
     return true;
 }
@@ -119,14 +120,14 @@ static bool add_value(struct pbrt_params *params, struct pbrt_param *param,
                         (param->type == PARAM_SPECTRUM && token->kind == TOKEN_STRING);
     if (wants_string != (token->kind == TOKEN_STRING) &&
         !(param->type == PARAM_BOOL && token->kind == TOKEN_STRING)) /* pbrt-v3's "true" */
-        return pbrt_fail(params->reader, &token->pos, "parameter \"%s %.*s\" wants %s",
-                         type_text(param->type), (int)param->name_length, param->name,
-                         wants_string ? "a string in quotes" : "a number, not a string");
+        return pbrt_report_error(params->reader, &token->pos, "parameter \"%s %.*s\" wants %s",
+                                 type_text(param->type), (int)param->name_length, param->name,
+                                 wants_string ? "a string in quotes" : "a number, not a string");
     if (!wants_string)
         return add_number(params, param, token);
     struct pbrt_token *added = growing_add(&params->strings, 1, sizeof(*added));
     if (added == NULL)
-        return pbrt_no_memory(params->reader);
+        return pbrt_report_no_memory(params->reader);
     *added = *token;
     return true;
 }
@@ -144,23 +145,23 @@ static bool read_values(struct pbrt_params *params, struct pbrt_param *param)
             if (token.kind == TOKEN_CLOSE)
                 break;
             if (token.kind == TOKEN_END || token.kind == TOKEN_OPEN)
-                return pbrt_fail(reader, &param->pos,
-                                 "the values of \"%.*s\" have no closing bracket",
-                                 (int)param->name_length, param->name);
+                return pbrt_report_error(reader, &param->pos,
+                                         "the values of \"%.*s\" have no closing bracket",
+                                         (int)param->name_length, param->name);
             if (!add_value(params, param, &token))
                 return false;
         }
     } else if (token.kind == TOKEN_END || token.kind == TOKEN_CLOSE) {
-        return pbrt_fail(reader, &param->pos, "parameter \"%.*s\" has no value",
-                         (int)param->name_length, param->name);
+        return pbrt_report_error(reader, &param->pos, "parameter \"%.*s\" has no value",
+                                 (int)param->name_length, param->name);
     } else if (!add_value(params, param, &token)) {
         return false;
     }
     param->number_count = params->numbers.count - param->first_number;
     param->string_count = params->strings.count - param->first_string;
     if (param->number_count + param->string_count == 0)
-        return pbrt_fail(reader, &param->pos, "parameter \"%.*s\" has no value",
-                         (int)param->name_length, param->name);
+        return pbrt_report_error(reader, &param->pos, "parameter \"%.*s\" has no value",
+                                 (int)param->name_length, param->name);
     return true;
 }
 
@@ -188,7 +189,7 @@ static bool append(struct pbrt_params *params, const struct pbrt_params *from, s
     struct pbrt_token *to_strings = growing_add(&params->strings, param.string_count,
                                                 sizeof(struct pbrt_token));
     if (item == NULL || to_numbers == NULL || to_strings == NULL)
-        return pbrt_no_memory(params->reader);
+        return pbrt_report_no_memory(params->reader);
     *item = param;
     if (numbers != NULL)
         memcpy(to_numbers, numbers, param.number_count * sizeof(double));
@@ -238,15 +239,15 @@ bool pbrt_params_read(struct pbrt_params *params, const char *directive,
             !parse_declaration(params, &token, &param))
             return false;
         if (find(params, param.name, param.name_length) != NULL)
-            return pbrt_fail(reader, &param.pos, "parameter \"%.*s\" is given twice",
-                             (int)param.name_length, param.name);
+            return pbrt_report_error(reader, &param.pos, "parameter \"%.*s\" is given twice",
+                                     (int)param.name_length, param.name);
         if (params->items.count == PARAMS_MAX)
-            return pbrt_fail(reader, &param.pos, "more than %d parameters", PARAMS_MAX);
+            return pbrt_report_error(reader, &param.pos, "more than %d parameters", PARAMS_MAX);
         if (!read_values(params, &param))
             return false;
         struct pbrt_param *added = growing_add(&params->items, 1, sizeof(param));
         if (added == NULL)
-            return pbrt_no_memory(reader);
+            return pbrt_report_no_memory(reader);
         *added = param;
     }
 }
@@ -278,7 +279,7 @@ void pbrt_params_fail(struct pbrt_params *params, const struct pbrt_param *param
     va_start(args, format);
     vsnprintf(text, sizeof(text), format, args);
     va_end(args);
-    pbrt_fail(params->reader, param != NULL ? &param->pos : &params->pos, "%s", text);
+    pbrt_report_error(params->reader, param != NULL ? &param->pos : &params->pos, "%s", text);
 }
 
 const struct pbrt_param *pbrt_params_find(struct pbrt_params *params, const char *name)
@@ -299,7 +300,8 @@ static const struct pbrt_param *find_typed(struct pbrt_params *params, const cha
     if (param == NULL || params->failed)
         return NULL;
     if (param->type == PARAM_TEXTURE && type != PARAM_TEXTURE) {
-        params->failed = !pbrt_later(params->reader, &param->pos, "a texture for \"%s\"", name);
+        params->failed = !pbrt_report_later(params->reader, &param->pos, "a texture for \"%s\"",
+                                            name);
         return NULL;
     }
     /* Points are points, whatever the file calls them */
@@ -401,8 +403,8 @@ void pbrt_params_later(struct pbrt_params *params, const char *name)
 {
     const struct pbrt_param *param = take(params, name);
     if (param != NULL && !params->failed)
-        params->failed = !pbrt_later(params->reader, &param->pos, "parameter \"%s\" of %s", name,
-                                     params->owner);
+        params->failed = !pbrt_report_later(params->reader, &param->pos, "parameter \"%s\" of %s",
+                                            name, params->owner);
 }
 
 void pbrt_params_ignore(struct pbrt_params *params, const char *name)
@@ -423,9 +425,9 @@ bool pbrt_params_done(struct pbrt_params *params)
                  (int)(param->name_length < 64 ? param->name_length : 64), param->name,
                  params->owner, nearest != NULL ? "; the nearest is \"" : "",
                  nearest != NULL ? nearest : "", nearest != NULL ? "\"" : "");
-        if (params->reader->lenient) {
-            params->reader->warnings++;
-            pbrt_note(params->reader, &param->pos, "%s; ignored", text);
+        if (params->reader->report.lenient) {
+            params->reader->report.warnings++;
+            pbrt_report_note(params->reader, &param->pos, "%s; ignored", text);
         } else {
             pbrt_params_fail(params, param, "%s", text);
         }

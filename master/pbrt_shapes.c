@@ -1,3 +1,5 @@
+#include "master/pbrt_shapes.h"
+
 #include "master/pbrt_reader.h"
 
 #include <math.h>
@@ -48,8 +50,8 @@ static bool note_flat_faces(struct pbrt_reader *reader, const struct source_pos 
                             const struct ply_added *added)
 {
     if (added->flat_faces > 0)
-        pbrt_note(reader, pos, "%llu faces of fewer than three corners were left out",
-                  (unsigned long long)added->flat_faces);
+        pbrt_report_note(reader, pos, "%llu faces of fewer than three corners were left out",
+                         (unsigned long long)added->flat_faces);
     return true;
 }
 
@@ -65,7 +67,7 @@ static bool add_ply(struct pbrt_reader *reader, const struct build_place *place)
         return false;
     const char *path = pbrt_lexer_resolve(reader->lexer, filename);
     if (path == NULL)
-        return pbrt_fail(reader, &filename->pos, "no file can be read from here");
+        return pbrt_report_error(reader, &filename->pos, "no file can be read from here");
     struct ply_added added;
     if (!ply_read(path, &reader->build->vertices, &added, reader->err))
         return err_wrap(reader->err, "%s:%d:%d", filename->pos.path, filename->pos.line,
@@ -100,7 +102,7 @@ static bool append_indices(struct pbrt_reader *reader, const double *indices, si
     uint32_t *out = growing_add(&reader->build->vertices.triangles, count / 3,
                                 3 * sizeof(uint32_t));
     if (out == NULL)
-        return pbrt_no_memory(reader);
+        return pbrt_report_no_memory(reader);
     for (size_t i = 0; i < count; i++) {
         if (!(indices[i] >= 0 && indices[i] < added->vertex_count)) {
             pbrt_params_fail(&reader->params, pbrt_params_find(&reader->params, "indices"),
@@ -145,7 +147,8 @@ static bool add_mesh(struct pbrt_reader *reader, const struct build_place *place
         return false;
     if (target->positions.count + points > UINT32_MAX - 1 ||
         target->triangles.count + indices / 3 > UINT32_MAX / 3)
-        return pbrt_fail(reader, &place->pos, "the scene has too many vertices or triangles");
+        return pbrt_report_error(reader, &place->pos,
+                                 "the scene has too many vertices or triangles");
 
     struct ply_added added = { .first_vertex = (uint32_t)target->positions.count,
                                .vertex_count = (uint32_t)points,
@@ -159,10 +162,10 @@ static bool add_mesh(struct pbrt_reader *reader, const struct build_place *place
     if (wide == NULL || !append_floats(&target->positions, points, 3, p, &finite) ||
         (n != NULL && !append_floats(&target->normals, points, 3, n, &finite)) ||
         (uv != NULL && !append_floats(&target->uvs, points, 2, uv, &finite)))
-        return pbrt_no_memory(reader);
+        return pbrt_report_no_memory(reader);
     memcpy(wide, p, points * 3 * sizeof(double));
     if (!finite)
-        return pbrt_fail(reader, &place->pos, "a number of the mesh is beyond float32");
+        return pbrt_report_error(reader, &place->pos, "a number of the mesh is beyond float32");
     return append_indices(reader, index, indices, &added) &&
            scene_build_add_mesh(reader->build, place, &added, reader->err);
 }
@@ -206,13 +209,13 @@ static bool add_quadric(struct pbrt_reader *reader, const struct build_place *pl
         quadric->flags |= QUADRIC_PARTIAL;
     bool whole = !(quadric->flags & QUADRIC_PARTIAL) && transform_similarity(&place->to_world) > 0;
     if (place->emitter != SCENE_NONE && !whole) {
-        if (!pbrt_later(reader, &place->pos, "light from a cut or stretched sphere or disk"))
+        if (!pbrt_report_later(reader, &place->pos, "light from a cut or stretched sphere or disk"))
             return false;
         built.place.emitter = SCENE_NONE;
     }
     struct build_quadric *added = growing_add(&reader->build->quadrics, 1, sizeof(*added));
     if (added == NULL)
-        return pbrt_no_memory(reader);
+        return pbrt_report_no_memory(reader);
     *added = built;
     return true;
 }
@@ -220,9 +223,9 @@ static bool add_quadric(struct pbrt_reader *reader, const struct build_place *pl
 bool pbrt_shapes_add(struct pbrt_reader *reader, const struct pbrt_token *type)
 {
     const struct pbrt_name *found;
-    if (!pbrt_name(reader, "shape", kinds, COUNT(kinds), type, &found))
+    if (!pbrt_names_choose(reader, "shape", kinds, COUNT(kinds), type, &found))
         return false;
-    if (found == NULL || reader->objects.count > 0)
+    if (found == NULL || pbrt_objects_inside(&reader->objects))
         return true; /* lenient, and noted already */
     struct build_place place;
     if (!place_here(reader, &type->pos, &place))

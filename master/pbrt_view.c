@@ -1,6 +1,7 @@
-#include "master/pbrt_reader.h"
+#include "master/pbrt_view.h"
 
 #include "common/elem.h"
+#include "master/pbrt_reader.h"
 
 #include <math.h>
 #include <string.h>
@@ -14,15 +15,18 @@ static struct scene_settings *settings_of(struct pbrt_reader *reader)
     return &reader->build->scene->settings;
 }
 
-void pbrt_view_defaults(struct pbrt_view *view)
+void pbrt_view_start(struct pbrt_reader *reader)
 {
-    *view = (struct pbrt_view){ .kind = CAMERA_PERSPECTIVE,
-                                .world_from_camera = transform_identity(),
-                                .fov = PI / 2,
-                                .focal_distance = 1e6,
-                                .width = 1280,
-                                .height = 720,
-                                .crop = { 0, 1, 0, 1 } };
+    reader->view = (struct pbrt_view){ .kind = CAMERA_PERSPECTIVE,
+                                       .world_from_camera = transform_identity(),
+                                       .fov = PI / 2,
+                                       .focal_distance = 1e6,
+                                       .width = 1280,
+                                       .height = 720,
+                                       .crop = { 0, 1, 0, 1 } };
+    settings_of(reader)->filter = (struct filter_spec){ .kind = FILTER_GAUSSIAN,
+                                                        .radius = { 1.5f, 1.5f },
+                                                        .sigma = 0.5f };
 }
 
 /* --- Camera ------------------------------------------------------------------------------- */
@@ -40,11 +44,11 @@ bool pbrt_view_camera(struct pbrt_reader *reader, const struct pbrt_token *type)
     struct pbrt_params *params = &reader->params;
     struct pbrt_view *view = &reader->view;
     const struct pbrt_name *found;
-    if (!pbrt_name(reader, "camera", cameras, COUNT(cameras), type, &found))
+    if (!pbrt_names_choose(reader, "camera", cameras, COUNT(cameras), type, &found))
         return false;
     if (!transform_invert(&reader->state.ctm, &view->world_from_camera))
-        return pbrt_fail(reader, &type->pos, "the camera's transform cannot be inverted");
-    reader->camera_space = view->world_from_camera;
+        return pbrt_report_error(reader, &type->pos, "the camera's transform cannot be inverted");
+    reader->spaces.camera = view->world_from_camera;
     if (found == NULL)
         return true;
     view->kind = (enum camera_kind)found->value;
@@ -103,8 +107,9 @@ static void read_sensor(struct pbrt_params *params)
 {
     const struct pbrt_token *sensor = pbrt_params_string(params, "sensor");
     if (sensor != NULL && !pbrt_token_is(sensor, "cie1931") && !params->failed)
-        params->failed = !pbrt_later(params->reader, &sensor->pos, "the film sensor \"%.*s\"",
-                                     (int)sensor->length, sensor->text);
+        params->failed = !pbrt_report_later(params->reader, &sensor->pos,
+                                            "the film sensor \"%.*s\"", (int)sensor->length,
+                                            sensor->text);
     static const struct {
         const char *name;
         double neutral;
@@ -124,10 +129,10 @@ bool pbrt_view_film(struct pbrt_reader *reader, const struct pbrt_token *type)
     struct pbrt_params *params = &reader->params;
     struct pbrt_view *view = &reader->view;
     const struct pbrt_name *found;
-    if (!pbrt_name(reader, "film", films, COUNT(films), type, &found))
+    if (!pbrt_names_choose(reader, "film", films, COUNT(films), type, &found))
         return false;
     if (found != NULL && found->value == FILM_GBUFFER)
-        pbrt_note(reader, &type->pos, "film \"gbuffer\" is read as \"rgb\"");
+        pbrt_report_note(reader, &type->pos, "film \"gbuffer\" is read as \"rgb\"");
 
     read_size(params, "xresolution", 1280, &view->width);
     read_size(params, "yresolution", 720, &view->height);
@@ -175,7 +180,7 @@ bool pbrt_view_filter(struct pbrt_reader *reader, const struct pbrt_token *type)
 {
     struct pbrt_params *params = &reader->params;
     const struct pbrt_name *found;
-    if (!pbrt_name(reader, "pixel filter", filters, COUNT(filters), type, &found))
+    if (!pbrt_names_choose(reader, "pixel filter", filters, COUNT(filters), type, &found))
         return false;
     if (found == NULL)
         return true;
@@ -201,120 +206,6 @@ bool pbrt_view_filter(struct pbrt_reader *reader, const struct pbrt_token *type)
     if (fabsf(filter.b) > 10 || fabsf(filter.c) > 10)
         pbrt_params_fail(params, NULL, "the filter's B and C are outside -10 to 10");
     settings_of(reader)->filter = filter;
-    return pbrt_params_done(params);
-}
-
-/* --- Sampler ------------------------------------------------------------------------------ */
-
-static const struct pbrt_name samplers[] = {
-    { "sobol", SAMPLER_SOBOL, NAME_OURS, NULL },
-    { "independent", SAMPLER_INDEPENDENT, NAME_OURS, NULL },
-    { "stratified", SAMPLER_STRATIFIED, NAME_OURS, NULL },
-    { "halton", SAMPLER_HALTON, NAME_OURS, NULL },
-    { "hammersley", SAMPLER_HAMMERSLEY, NAME_OURS, NULL },
-    { "zsobol", SAMPLER_SOBOL, NAME_LATER, NULL },
-    { "paddedsobol", SAMPLER_SOBOL, NAME_LATER, NULL },
-    { "pmj02bn", SAMPLER_SOBOL, NAME_LATER, NULL },
-    { "random", 0, NAME_OLD, "in pbrt-v4 it is \"independent\"" },
-    { "lowdiscrepancy", 0, NAME_OLD, "in pbrt-v4 there is \"paddedsobol\"" },
-    { "02sequence", 0, NAME_OLD, "in pbrt-v4 there is \"paddedsobol\"" },
-    { "zerotwosequence", 0, NAME_OLD, "in pbrt-v4 there is \"paddedsobol\"" },
-    { "maxmindist", 0, NAME_OLD, "in pbrt-v4 there is \"pmj02bn\"" },
-};
-
-bool pbrt_view_sampler(struct pbrt_reader *reader, const struct pbrt_token *type)
-{
-    struct pbrt_params *params = &reader->params;
-    const struct pbrt_name *found = pbrt_names_find(samplers, COUNT(samplers), type);
-    if (found != NULL && found->state == NAME_LATER)
-        pbrt_note(reader, &type->pos, "sampler \"%s\" renders as \"sobol\"", found->text);
-    else if (!pbrt_name(reader, "sampler", samplers, COUNT(samplers), type, &found))
-        return false;
-
-    struct scene_settings *settings = settings_of(reader);
-    settings->sampler = (uint32_t)found->value;
-    int64_t spp = 0;
-    if (settings->sampler == SAMPLER_STRATIFIED) {
-        const struct pbrt_param *x = pbrt_params_find(params, "xsamples");
-        int64_t nx = pbrt_params_integer(params, "xsamples", 4);
-        int64_t ny = pbrt_params_integer(params, "ysamples", 4);
-        bool given = x != NULL || pbrt_params_find(params, "ysamples") != NULL;
-        if (nx < 1 || ny < 1 || nx > SIZE_MOST || ny > SIZE_MOST / 2)
-            pbrt_params_fail(params, x, "%lld x %lld samples are not possible", (long long)nx,
-                             (long long)ny);
-        spp = given ? nx * ny : 0;
-        if (!pbrt_params_bool(params, "jitter", true))
-            pbrt_params_later(params, "jitter");
-    }
-    int64_t asked = pbrt_params_integer(params, "pixelsamples", 0);
-    if (asked < 0 || asked > UINT32_MAX / 2 ||
-        (asked == 0 && pbrt_params_find(params, "pixelsamples") != NULL))
-        pbrt_params_fail(params, pbrt_params_find(params, "pixelsamples"),
-                         "%lld samples per pixel are not possible", (long long)asked);
-    settings->sampler_spp = (uint32_t)(asked > 0 ? asked : spp);
-
-    const struct pbrt_token *randomization = pbrt_params_string(params, "randomization");
-    static const char *const known[] = { "none", "permutedigits", "fastowen", "owen" };
-    if (randomization != NULL) {
-        bool valid = false;
-        for (size_t i = 0; i < COUNT(known); i++)
-            valid = valid || pbrt_token_is(randomization, known[i]);
-        if (!valid)
-            pbrt_params_fail(params, pbrt_params_find(params, "randomization"),
-                             "unknown randomization \"%.*s\"; the nearest is \"%s\"",
-                             (int)randomization->length, randomization->text,
-                             pbrt_names_nearest_of(known, COUNT(known), randomization->text,
-                                                   randomization->length));
-        else if (pbrt_token_is(randomization, "none"))
-            pbrt_note(reader, &randomization->pos,
-                      "samplers are randomised always, or the error would be unknown");
-    }
-    if (pbrt_params_find(params, "seed") != NULL) {
-        pbrt_params_integer(params, "seed", 0);
-        pbrt_note(reader, &type->pos, "the sampler's seed is not used: the job has one (--seed)");
-    }
-    return pbrt_params_done(params);
-}
-
-/* --- Integrator --------------------------------------------------------------------------- */
-
-static const struct pbrt_name integrators[] = {
-    { "path", 0, NAME_OURS, NULL },
-    { "volpath", 0, NAME_OURS, NULL },
-    { "simplepath", 0, NAME_OURS, NULL },
-    { "simplevolpath", 0, NAME_OURS, NULL },
-    { "randomwalk", 0, NAME_OURS, NULL },
-    { "ambientocclusion", 0, NAME_LATER, NULL },
-    { "bdpt", 0, NAME_LATER, NULL },
-    { "function", 0, NAME_LATER, NULL },
-    { "lightpath", 0, NAME_LATER, NULL },
-    { "mlt", 0, NAME_LATER, NULL },
-    { "sppm", 0, NAME_LATER, NULL },
-    { "ao", 0, NAME_OLD, "in pbrt-v4 it is \"ambientocclusion\"" },
-    { "directlighting", 0, NAME_OLD, "write \"path\" with \"integer maxdepth\" 1" },
-    { "whitted", 0, NAME_OLD, "in pbrt-v4 there is \"path\"" },
-};
-
-bool pbrt_view_integrator(struct pbrt_reader *reader, const struct pbrt_token *type)
-{
-    struct pbrt_params *params = &reader->params;
-    const struct pbrt_name *found;
-    if (!pbrt_name(reader, "integrator", integrators, COUNT(integrators), type, &found))
-        return false;
-    int64_t depth = pbrt_params_integer(params, "maxdepth", -1);
-    if (pbrt_params_find(params, "maxdepth") != NULL && (depth < 0 || depth >= SCENE_NONE))
-        pbrt_params_fail(params, pbrt_params_find(params, "maxdepth"), "a depth of %lld",
-                         (long long)depth);
-    settings_of(reader)->max_depth = depth >= 0 ? (uint32_t)depth : SCENE_NONE;
-    if (pbrt_params_bool(params, "regularize", false))
-        pbrt_params_later(params, "regularize");
-    static const char *const same_picture[] = { "lightsampler", "lightsampling", "samplelights",
-                                                "samplebsdf", "rrthreshold" };
-    for (size_t i = 0; i < COUNT(same_picture); i++)
-        pbrt_params_ignore(params, same_picture[i]);
-    if (found == NULL) /* lenient: another integrator's parameters */
-        for (size_t i = 0; i < params->items.count; i++)
-            ((struct pbrt_param *)params->items.data)[i].used = true;
     return pbrt_params_done(params);
 }
 
