@@ -6,7 +6,7 @@ build_packages=(
     gcc libc6-dev cmake ninja-build pkg-config
     libembree-dev libopenexr-dev libuv1-dev libssl-dev
     protobuf-c-compiler libprotobuf-c-dev
-    zlib1g-dev libpng-dev libjansson-dev
+    zlib1g-dev libpng-dev libjpeg-dev libjansson-dev
 )
 # shellcheck disable=SC2034
 test_packages=(libcmocka-dev openssl python3 procps)
