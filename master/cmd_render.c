@@ -338,6 +338,10 @@ static int run(struct render *r)
         err_set(&err, ERR_MEMORY, "no memory for pictures");
         goto fail_pictures;
     }
+    /* With --time nobody knows yet how many rounds there will be */
+    unsigned rounds = r->setup.spp_asked == 0 ? ROUND_COUNT : r->setup.rounds;
+    if (!film_take_memory(r->film, rounds, &err))
+        goto fail_memory;
     start_timers(r);
     open_guests(r);
     if (!start_local_workers(r, &err))
@@ -350,6 +354,8 @@ static int run(struct render *r)
     pictures_free(r->pictures);
     return done ? 0 : 1;
 
+fail_memory:
+    pictures_free(r->pictures);
 fail_pictures:
     farm_close(r->farm);
 fail_farm:
@@ -418,9 +424,7 @@ int cmd_render(int argc, char **argv)
         goto fail;
     r->film = film_new(r->setup.scene, &r->setup.spec, r->setup.rounds, memory_bytes() / 4 * 3,
                        &err);
-    /* With --time nobody knows yet how many rounds there will be */
-    unsigned rounds = r->setup.spp_asked == 0 ? ROUND_COUNT : r->setup.rounds;
-    if (r->film == NULL || !film_take_memory(r->film, rounds, &err))
+    if (r->film == NULL)
         goto fail;
     status = run(r);
     goto done;

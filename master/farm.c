@@ -207,7 +207,7 @@ struct farm *farm_open(uv_loop_t *loop, const struct farm_settings *settings,
     farm->scheduler = scheduler_new(&farm->settings.schedule, farm->opened_ms);
     if (farm->scheduler == NULL)
         goto fail_scheduler;
-    farm->intake = intake_new(job->scene, job->spec, job->film, on_round, farm);
+    farm->intake = intake_new(job->spec, job->film, on_round, farm);
     if (farm->intake == NULL)
         goto fail_intake;
     farm->transfers = transfers_new(job->bundle, QUEUE_BYTES);

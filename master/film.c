@@ -135,6 +135,7 @@ bool film_take_memory(const struct film *film, unsigned rounds, struct err *err)
     struct node_sums **taken = calloc(count, sizeof(*taken));
     bool enough = taken != NULL;
     mallopt(M_TRIM_THRESHOLD, -1);
+    mallopt(M_ARENA_MAX, 1); /* threads that write pictures would each keep an arena of their own */
     for (size_t i = 0; enough && i < count; i++) {
         taken[i] = node_sums_new(pixels_of(&film->rects[i % film->tiles]), film->channels);
         enough = taken[i] != NULL;
@@ -443,6 +444,21 @@ static bool prepare_image(const struct film *film, struct image *image, float *p
     image->display_width = film->full_width;
     image->display_height = film->full_height;
     return true;
+}
+
+struct image *film_image_new(const struct film *film)
+{
+    float *planes[PLANES];
+    struct err err;
+    struct image *image = image_new(film->crop.width, film->crop.height);
+    if (image == NULL || !prepare_image(film, image, planes, &err)) {
+        image_free(image);
+        return NULL;
+    }
+    /* Not zero: the zeroed memory of a large block is not there before it is written to */
+    for (int i = 0; i < PLANES; i++)
+        memset(planes[i], 0xff, (size_t)image->width * image->height * sizeof(float));
+    return image;
 }
 
 bool film_image(const struct film *film, struct image *image, struct estimate *estimate,

@@ -38,8 +38,10 @@ void film_free(struct film *film);
 
 /*
  * Take the memory that the sums of `rounds` rounds will need now, touch it, and hand it back to
- * malloc, which is told to keep it: a job that cannot fit fails at its start and not after days,
- * and from then on the memory of the process stays flat. ERR_MEMORY otherwise.
+ * malloc, which is told to keep it, for all threads: a job that cannot fit fails at its start and
+ * not after days, and from then on the memory of the process stays flat. So whatever else is large
+ * and lives as long as the job (its pictures) must be allocated before: later it would come out of
+ * what was taken here. False: ERR_MEMORY.
  */
 bool film_take_memory(const struct film *film, unsigned rounds, struct err *err);
 
@@ -73,6 +75,10 @@ size_t film_held(const struct film *film);  /* sums waiting below open rounds */
 
 /* Counters of everything sealed so far. */
 void film_stats(const struct film *film, struct node_stats *total);
+
+/* An image for film_image, with all its channels and windows, in memory that is there and not only
+ * promised; NaN until it is read. NULL when memory runs out. */
+struct image *film_image_new(const struct film *film);
 
 /*
  * Read the picture of all sealed rounds; tiles may be at different rounds between two complete

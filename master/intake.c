@@ -1,7 +1,6 @@
 #include "master/intake.h"
 
 #include "common/err.h"
-#include "common/scene.h"
 #include "master/film.h"
 #include "master/image.h"
 
@@ -28,8 +27,8 @@ struct intake {
     size_t row_count;
 };
 
-struct intake *intake_new(const struct scene *scene, const struct job_spec *spec, struct film *film,
-                          intake_round_fn *on_round, void *owner)
+struct intake *intake_new(const struct job_spec *spec, struct film *film, intake_round_fn *on_round,
+                          void *owner)
 {
     struct intake *in = calloc(1, sizeof(*in));
     if (in == NULL)
@@ -38,10 +37,10 @@ struct intake *intake_new(const struct scene *scene, const struct job_spec *spec
     in->film = film;
     in->on_round = on_round;
     in->owner = owner;
-    const uint32_t *crop = scene->settings.crop;
     in->estimate = estimate_new();
-    in->picture = image_new(crop[1] - crop[0], crop[3] - crop[2]);
-    if (in->estimate == NULL || in->picture == NULL) {
+    in->picture = film_image_new(film);
+    if (in->estimate == NULL || in->picture == NULL ||
+        !estimate_begin(in->estimate, spec->replicates)) {
         intake_free(in);
         return NULL;
     }

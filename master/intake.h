@@ -20,14 +20,14 @@ struct err;
 struct film;
 struct image;
 struct intake;
-struct scene;
 
 /* When a round ended; the film holds exactly the rounds up to it. */
 typedef void intake_round_fn(void *owner, unsigned round);
 
-/* The film must outlive it. NULL when memory runs out. intake_free(NULL) does nothing. */
-struct intake *intake_new(const struct scene *scene, const struct job_spec *spec, struct film *film,
-                          intake_round_fn *on_round, void *owner);
+/* Takes the memory of the picture and its estimate. The film must outlive it. NULL when memory runs
+ * out. intake_free(NULL) does nothing. */
+struct intake *intake_new(const struct job_spec *spec, struct film *film, intake_round_fn *on_round,
+                          void *owner);
 void intake_free(struct intake *intake);
 
 /* Are these the sums of that node of this job? ERR_MESSAGE says what not. */

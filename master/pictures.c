@@ -7,6 +7,7 @@
 #include "master/png.h"
 #include "proto/bundle.h"
 
+#include <assert.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -19,7 +20,7 @@ struct pictures {
 
     uv_work_t work;
     bool busy;
-    struct image *image; /* being written */
+    struct image *image; /* the copy that is written */
     bool written;
     struct err err;
     void (*log)(void *context, const char *line);
@@ -39,11 +40,19 @@ struct pictures *pictures_new(uv_loop_t *loop, const struct film *film,
     p->exr_path = exr_path;
     p->png_path = png_path;
     p->work.data = p;
+    p->image = film_image_new(film);
+    if (p->image == NULL) {
+        pictures_free(p);
+        return NULL;
+    }
     return p;
 }
 
 void pictures_free(struct pictures *p)
 {
+    if (p == NULL)
+        return;
+    image_free(p->image);
     free(p);
 }
 
@@ -77,51 +86,33 @@ static bool add_facts(const struct pictures *p, struct image *image, bool comple
     return true;
 }
 
-/* The picture again, with the metadata; NULL and err when memory runs out. */
-static struct image *copy_with_facts(const struct pictures *p, const struct image *picture,
-                                     bool complete, struct err *err)
+/* Make p->image the picture, with the metadata. */
+static bool copy_with_facts(struct pictures *p, const struct image *picture, bool complete,
+                            struct err *err)
 {
-    struct image *copy = image_new(picture->width, picture->height);
-    if (copy == NULL)
-        goto fail;
-    copy->data_x = picture->data_x;
-    copy->data_y = picture->data_y;
-    copy->display_width = picture->display_width;
-    copy->display_height = picture->display_height;
-    for (uint32_t c = 0; c < picture->channel_count; c++) {
-        float *values = image_add_channel(copy, picture->channels[c].name);
-        if (values == NULL)
-            goto fail;
-        memcpy(values, picture->channels[c].values,
-               (size_t)picture->width * picture->height * sizeof(float));
-    }
-    if (!add_facts(p, copy, complete))
-        goto fail;
-    return copy;
-
-fail:
-    image_free(copy);
-    err_set(err, ERR_MEMORY, "no memory for a picture");
-    return NULL;
+    assert(picture->width == p->image->width && picture->height == p->image->height);
+    size_t bytes = (size_t)picture->width * picture->height * sizeof(float);
+    for (uint32_t c = 0; c < picture->channel_count; c++)
+        memcpy(p->image->channels[c].values, picture->channels[c].values, bytes);
+    return add_facts(p, p->image, complete) || err_set(err, ERR_MEMORY, "no memory for a picture");
 }
 
-static bool write_both(const struct pictures *p, const struct image *image, struct err *err)
+static bool write_both(const struct pictures *p, struct err *err)
 {
-    return exr_image_write(image, p->exr_path, err) && png_preview_write(image, p->png_path, err);
+    return exr_image_write(p->image, p->exr_path, err) &&
+           png_preview_write(p->image, p->png_path, err);
 }
 
 static void write_in_pool(uv_work_t *work)
 {
     struct pictures *p = work->data;
-    p->written = write_both(p, p->image, &p->err);
+    p->written = write_both(p, &p->err);
 }
 
 static void on_written(uv_work_t *work, int status)
 {
     struct pictures *p = work->data;
     p->busy = false;
-    image_free(p->image);
-    p->image = NULL;
     if (status == 0 && !p->written)
         p->log(p->context, p->err.text);
 }
@@ -134,16 +125,11 @@ void pictures_refresh(struct pictures *p, const struct image *picture,
     struct err err;
     p->log = log;
     p->context = context;
-    p->image = copy_with_facts(p, picture, false, &err);
-    if (p->image == NULL) {
+    if (!copy_with_facts(p, picture, false, &err)) {
         log(context, err.text);
         return;
     }
     p->busy = uv_queue_work(p->loop, &p->work, write_in_pool, on_written) == 0;
-    if (!p->busy) {
-        image_free(p->image);
-        p->image = NULL;
-    }
 }
 
 bool pictures_busy(const struct pictures *p)
@@ -153,10 +139,6 @@ bool pictures_busy(const struct pictures *p)
 
 bool pictures_write(struct pictures *p, const struct image *picture, bool complete, struct err *err)
 {
-    struct image *image = copy_with_facts(p, picture, complete, err);
-    if (image == NULL)
-        return false;
-    bool ok = write_both(p, image, err);
-    image_free(image);
-    return ok;
+    assert(!p->busy);
+    return copy_with_facts(p, picture, complete, err) && write_both(p, err);
 }

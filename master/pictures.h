@@ -3,8 +3,9 @@
  * runs (--write-every) and written at the end.
  *
  * Refreshing writes a copy in libuv's thread pool, so that compressing and syncing do not hold up
- * workers; at most one is being written, and a refresh that comes meanwhile is dropped. Used from
- * the event loop only.
+ * workers; at most one is being written, and a refresh that comes meanwhile is dropped. The copy's
+ * memory is taken at the start and used for every picture: a job whose picture could not be written
+ * fails then and not after ten hours, and memory stays flat. Used from the event loop only.
  */
 #ifndef MASTER_PICTURES_H
 #define MASTER_PICTURES_H
@@ -37,12 +38,12 @@ struct pictures *pictures_new(uv_loop_t *loop, const struct film *film,
 void pictures_free(struct pictures *p);
 
 /* Write both files in the thread pool, of the picture of all rounds that have ended (NULL: none,
- * and nothing is written); `log` hears when that fails. */
+ * and nothing is written), an image that film_image_new made; `log` hears when that fails. */
 void pictures_refresh(struct pictures *p, const struct image *picture,
                       void (*log)(void *context, const char *line), void *context);
 bool pictures_busy(const struct pictures *p);
 
-/* Write both files now. `complete`: all that was asked for. */
+/* Write both files now, while none is being written. `complete`: all that was asked for. */
 bool pictures_write(struct pictures *p, const struct image *picture, bool complete,
                     struct err *err);
 
