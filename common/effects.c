@@ -28,7 +28,7 @@ static uint32_t light_effects(const struct light *light)
 {
     switch (light->kind) {
     case LIGHT_POLYGON:
-        return FX_POLYGON_LIGHT;
+        return FX_POLYGON_LIGHT | (light->corner_count > 4 ? FX_WIDE_POLYGON : 0);
     case LIGHT_SPHERE:
         return FX_SPHERE_LIGHT;
     case LIGHT_DISK:

@@ -31,7 +31,8 @@ struct scene;
     X(MANY_LIGHTS, 16, "many-lights", "more than one light to choose from")             \
     X(SAMPLER_ANY, 17, "sampler-any", "a sampler other than Owen-scrambled Sobol")      \
     X(FILTER_ANY, 18, "filter-any", "a reconstruction filter other than the pixel box") \
-    X(PATHS, 19, "paths", "a path expression that is not L(D|S)*E")
+    X(PATHS, 19, "paths", "a path expression that is not L(D|S)*E")                     \
+    X(WIDE_POLYGON, 20, "wide-polygon", "polygon lights of five or more corners")
 
 enum effect {
 #define X(name, bit, printed, meaning) FX_##name = 1u << (bit),
@@ -39,7 +40,7 @@ enum effect {
 #undef X
 };
 
-#define FX_ALL ((1u << 20) - 1)
+#define FX_ALL ((1u << 21) - 1)
 
 /* The mask of a finished scene. Pure; any thread. */
 uint32_t scene_effects(const struct scene *scene);

@@ -46,7 +46,8 @@ static __attribute__((noinline)) struct surface8 surface(const struct kernel_sce
                                                          const struct vec3x8 *o,
                                                          const struct vec3x8 *d, f8 t)
 {
-    return hit_surface(ks, FX_ALL, hit, geometry, prim, *o, *d, t);
+    struct hit_corners8 corners = hit_corners(ks, FX_ALL, hit, geometry, prim);
+    return hit_surface(ks, FX_ALL, hit, geometry, prim, &corners, *o, *d, t);
 }
 
 /* Random triangles of every size and shape about `shift`; no camera is needed */

@@ -30,15 +30,39 @@ LANE_FN struct vec3x8 hit_vertex(const float *base, i8 vertex)
     return (struct vec3x8){ f8_gather(base, i), f8_gather(base + 1, i), f8_gather(base + 2, i) };
 }
 
-/* Triangle `prim` of mesh `mesh`; both must be valid in every lane */
-LANE_FN void hit_triangle(const struct scene *scene, unsigned fx, i8 mesh, i8 prim, struct vec3x8 o,
-                          struct vec3x8 d, struct surface8 *s)
+/*
+ * The corners of the triangles found. Fetched apart from the rest, as in a large mesh they come
+ * from memory: what is computed before hit_surface needs them is computed while waiting.
+ */
+struct hit_corners8 {
+    i8 mesh, prim; /* valid in every lane, as are the rest */
+    i8 a, b, c;    /* vertices */
+};
+
+LANE_FN struct hit_corners8 hit_corners(const struct kernel_scene *ks, unsigned fx, i8 hit,
+                                        i8 geometry, i8 prim)
 {
-    i8 triangle = prim + GATHER_I(scene->meshes, struct mesh, first_triangle, mesh);
+    struct hit_corners8 corners = { I8(0), I8(0), I8(0), I8(0), I8(0) };
+    if (fx & FX_MESH) {
+        const struct scene *scene = ks->scene;
+        i8 lanes = fx & FX_QUADRIC ? hit & (geometry != ks->quadric_geometry) : hit;
+        corners.mesh = geometry & lanes;
+        corners.prim = prim & lanes;
+        i8 first = GATHER_I(scene->meshes, struct mesh, first_triangle, corners.mesh);
+        i8 index = (corners.prim + first) * 3;
+        corners.a = i8_gather(scene->triangles, index);
+        corners.b = i8_gather(scene->triangles + 1, index);
+        corners.c = i8_gather(scene->triangles + 2, index);
+    }
+    return corners;
+}
+
+/* The surface at triangles hit by rays from o along d */
+LANE_FN void hit_triangle(const struct scene *scene, unsigned fx, const struct hit_corners8 *at,
+                          struct vec3x8 o, struct vec3x8 d, struct surface8 *s)
+{
+    i8 mesh = at->mesh, prim = at->prim, ia = at->a, ib = at->b, ic = at->c;
     i8 flags = GATHER_I(scene->meshes, struct mesh, flags, mesh);
-    i8 corner = triangle * 3;
-    i8 ia = i8_gather(scene->triangles, corner), ib = i8_gather(scene->triangles + 1, corner),
-       ic = i8_gather(scene->triangles + 2, corner);
     struct vec3x8 A = hit_vertex(scene->positions, ia), B = hit_vertex(scene->positions, ib),
                   C = hit_vertex(scene->positions, ic);
     struct vec3x8 e1 = vec3x8_sub(B, A), e2 = vec3x8_sub(C, A);
@@ -132,7 +156,8 @@ LANE_FN void hit_quadric(const struct scene *scene, i8 lanes, i8 prim, struct ve
 
 /* The surface at the hits of the lanes in `hit`; other lanes hold something harmless */
 LANE_FN struct surface8 hit_surface(const struct kernel_scene *ks, unsigned fx, i8 hit, i8 geometry,
-                                    i8 prim, struct vec3x8 o, struct vec3x8 d, f8 t)
+                                    i8 prim, const struct hit_corners8 *corners, struct vec3x8 o,
+                                    struct vec3x8 d, f8 t)
 {
     struct surface8 s = {
         vec3x8_all(0, 0, 0), vec3x8_all(0, 0, 1), vec3x8_all(0, 0, 1), F8(0), I8(0), I8(-1)
@@ -143,8 +168,7 @@ LANE_FN struct surface8 hit_surface(const struct kernel_scene *ks, unsigned fx, 
     if (fx & FX_MESH) {
         i8 mesh = hit & ~quadric;
         if (i8_any(mesh))
-            hit_triangle(ks->scene, fx, i8_select(mesh, geometry, I8(0)),
-                         i8_select(mesh, prim, I8(0)), o, d, &s);
+            hit_triangle(ks->scene, fx, corners, o, d, &s);
     }
     if ((fx & FX_QUADRIC) && i8_any(quadric))
         hit_quadric(ks->scene, quadric, prim, o, d, t, &s);

@@ -43,7 +43,7 @@ struct kernel_scene {
     float *light_cdf;    /* light_count + 1 entries, from 0 to 1 */
     float *light_pmf;    /* differences of light_cdf */
     float *light_extent; /* largest coordinate or radius: its points are rounded relative to this */
-    int32_t polygon_corners_max;
+    int32_t polygon_fans; /* triangles of the widest polygon's fan, at least 2 */
     int lights_sampled; /* any light with pmf > 0 */
     float far_distance; /* beyond everything in the scene */
 

@@ -83,7 +83,8 @@ LANE_FN struct vec3x8 light_corner(const struct kernel_scene *ks, unsigned fx, i
 {
     const float *base = ks->scene->light_corners;
     if (!(fx & FX_MANY_LIGHTS)) {
-        const float *corner = base + 3 * i;
+        int last = (int)ks->scene->lights[0].corner_count - 1;
+        const float *corner = base + 3 * (i < last ? i : last);
         return vec3x8_sub(vec3x8_all(corner[0], corner[1], corner[2]), p);
     }
     i8 at = (first + i8_select(count > i, I8(i), count - 1)) * 3;
@@ -105,13 +106,12 @@ struct fan8 {
     f8 one_plus_ac;
 };
 
+/* Fans of one polygon: A and a are the same in both */
 LANE_FN struct fan8 fan_select(i8 mask, struct fan8 x, struct fan8 y)
 {
-    struct fan8 fan;
-    fan.A = vec3x8_select(mask, x.A, y.A);
+    struct fan8 fan = y;
     fan.B = vec3x8_select(mask, x.B, y.B);
     fan.C = vec3x8_select(mask, x.C, y.C);
-    fan.a = vec3x8_select(mask, x.a, y.a);
     fan.b = vec3x8_select(mask, x.b, y.b);
     fan.s = vec3x8_select(mask, x.s, y.s);
     fan.G0 = f8_select(mask, x.G0, y.G0);
@@ -178,14 +178,39 @@ LANE_FN struct vec3x8 fan_point(const struct fan8 *fan, struct vec3x8 w)
 
 /*
  * All triangles of the fans of polygons with corners [first, first + count) seen from p. Lanes with
- * fewer corners repeat their last one: triangles without area.
+ * fewer corners repeat their last one: triangles without area. Two triangles are enough for most
+ * scenes; only FX_WIDE_POLYGON brings loops.
  */
 struct polygon8 {
     struct fan8 fans[POLYGON_MAX - 2];
-    int fan_count;
     f8 omega;
     i8 by_angle; /* sampled uniformly in solid angle; elsewhere in area */
 };
+
+/*
+ * Triangle `i` of the fan into seen->fans: `fan` holds A, a and the edge to the triangle before
+ * (B, b, G2), and is left with the edge to the next. ia, ib: 1 / |A|, 1 / |B|
+ */
+LANE_FN void polygon_fan(const struct kernel_scene *ks, unsigned fx, struct vec3x8 p, i8 first,
+                         i8 count, int i, struct fan8 *fan, f8 ia, f8 *ib, struct polygon8 *seen)
+{
+    fan->C = light_corner(ks, fx, first, count, i + 2, p);
+    f8 ic = 1 / f8_sqrt(vec3x8_length2(fan->C));
+    struct vec3x8 c = vec3x8_scale(fan->C, ic);
+    fan->s = fan_sum(fan->a, c);
+    fan->one_plus_ac = vec3x8_length2(fan->s) * 0.5f;
+    fan->P = fan->one_plus_ac + vec3x8_dot(fan->b, fan->s);
+    struct vec3x8 normal = vec3x8_cross(vec3x8_sub(fan->B, fan->A), vec3x8_sub(fan->C, fan->A));
+    fan->G0 = f8_abs(vec3x8_dot(fan->A, normal)) * (ia * *ib * ic);
+    f8 omega = 2 * f8_atan2(fan->G0, fan->P);
+    fan->omega = f8_select(fan->G0 > 0, omega, F8(0));
+    seen->omega = seen->omega + fan->omega;
+    seen->fans[i] = *fan;
+    fan->B = fan->C;
+    fan->b = c;
+    *ib = ic;
+    fan->G2 = fan->one_plus_ac;
+}
 
 LANE_FN void polygon_seen(const struct kernel_scene *ks, unsigned fx, struct vec3x8 p, i8 first,
                           i8 count, struct polygon8 *seen)
@@ -197,27 +222,12 @@ LANE_FN void polygon_seen(const struct kernel_scene *ks, unsigned fx, struct vec
     fan.a = vec3x8_scale(fan.A, ia);
     fan.b = vec3x8_scale(fan.B, ib);
     fan.G2 = vec3x8_length2(fan_sum(fan.a, fan.b)) * 0.5f;
-    seen->fan_count = ks->polygon_corners_max - 2;
     seen->omega = F8(0);
-    int i = 0;
-    do { /* every polygon has at least one triangle */
-        fan.C = light_corner(ks, fx, first, count, i + 2, p);
-        f8 ic = 1 / f8_sqrt(vec3x8_length2(fan.C));
-        struct vec3x8 c = vec3x8_scale(fan.C, ic);
-        fan.s = fan_sum(fan.a, c);
-        fan.one_plus_ac = vec3x8_length2(fan.s) * 0.5f;
-        fan.P = fan.one_plus_ac + vec3x8_dot(fan.b, fan.s);
-        struct vec3x8 normal = vec3x8_cross(vec3x8_sub(fan.B, fan.A), vec3x8_sub(fan.C, fan.A));
-        fan.G0 = f8_abs(vec3x8_dot(fan.A, normal)) * (ia * ib * ic);
-        f8 omega = 2 * f8_atan2(fan.G0, fan.P);
-        fan.omega = f8_select(fan.G0 > 0, omega, F8(0));
-        seen->omega = seen->omega + fan.omega;
-        seen->fans[i] = fan;
-        fan.B = fan.C;
-        fan.b = c;
-        ib = ic;
-        fan.G2 = fan.one_plus_ac;
-    } while (++i < seen->fan_count);
+    polygon_fan(ks, fx, p, first, count, 0, &fan, ia, &ib, seen);
+    polygon_fan(ks, fx, p, first, count, 1, &fan, ia, &ib, seen);
+    if (fx & FX_WIDE_POLYGON)
+        for (int i = 2; i < ks->polygon_fans; i++)
+            polygon_fan(ks, fx, p, first, count, i, &fan, ia, &ib, seen);
     seen->by_angle = seen->omega >= POLYGON_OMEGA_MIN;
 }
 
@@ -241,33 +251,51 @@ LANE_FN f8 fan_area(const struct fan8 *fan)
     return f8_sqrt(vec3x8_length2(normal)) * 0.5f;
 }
 
+/* The fan triangle that a point of the unit interval falls into, the triangles side by side */
+struct fan_choice8 {
+    struct fan8 fan;
+    f8 below, width; /* of all triangles before it; its own */
+    f8 edge;         /* where the next begins */
+};
+
+LANE_FN void fan_choose(struct fan_choice8 *choice, f8 target, const struct fan8 *fan, f8 weight)
+{
+    i8 later = (target >= choice->edge) & (weight > 0);
+    choice->fan = fan_select(later, *fan, choice->fan);
+    choice->width = f8_select(later, weight, choice->width);
+    choice->below = f8_select(later, choice->edge, choice->below);
+    choice->edge = choice->edge + weight;
+}
+
 /* A point of the polygon relative to p, for the lanes in `lanes` */
-LANE_FN struct vec3x8 polygon_sample(const struct polygon8 *seen, i8 lanes, f8 u, f8 v)
+LANE_FN struct vec3x8 polygon_sample(const struct kernel_scene *ks, unsigned fx,
+                                     const struct polygon8 *seen, i8 lanes, f8 u, f8 v)
 {
     /* Which triangle of the fan: by solid angle, or by area where the angle is too small */
+    const int fans = fx & FX_WIDE_POLYGON ? ks->polygon_fans : 2;
     int some_by_area = i8_any(lanes & ~seen->by_angle);
     f8 weight[POLYGON_MAX - 2], total = seen->omega;
-    weight[0] = seen->fans[0].omega; /* there is always one */
-    for (int i = 1; i < seen->fan_count; i++)
-        weight[i] = seen->fans[i].omega;
+    weight[0] = seen->fans[0].omega;
+    weight[1] = seen->fans[1].omega;
+    if (fx & FX_WIDE_POLYGON)
+        for (int i = 2; i < fans; i++)
+            weight[i] = seen->fans[i].omega;
     if (some_by_area) {
         f8 areas = F8(0);
-        for (int i = 0; i < seen->fan_count; i++) {
+        for (int i = 0; i < fans; i++) {
             weight[i] = f8_select(seen->by_angle, weight[i], fan_area(&seen->fans[i]));
             areas = areas + weight[i];
         }
         total = f8_select(seen->by_angle, total, areas);
     }
-    struct fan8 chosen = seen->fans[0];
-    f8 target = u * total, below = F8(0), width = weight[0], edge = weight[0];
-    for (int i = 1; i < seen->fan_count; i++) {
-        i8 later = (target >= edge) & (weight[i] > 0);
-        chosen = fan_select(later, seen->fans[i], chosen);
-        width = f8_select(later, weight[i], width);
-        below = f8_select(later, edge, below);
-        edge = edge + weight[i];
-    }
-    f8 share = f8_clamp((target - below) / width, 0, 0x1.fffffep-1f);
+    f8 target = u * total;
+    struct fan_choice8 choice = { seen->fans[0], F8(0), weight[0], weight[0] };
+    fan_choose(&choice, target, &seen->fans[1], weight[1]);
+    if (fx & FX_WIDE_POLYGON)
+        for (int i = 2; i < fans; i++)
+            fan_choose(&choice, target, &seen->fans[i], weight[i]);
+    struct fan8 chosen = choice.fan;
+    f8 share = f8_clamp((target - choice.below) / choice.width, 0, 0x1.fffffep-1f);
 
     struct vec3x8 point = fan_point(&chosen, fan_direction(&chosen, share, v));
     if (some_by_area) {
@@ -429,7 +457,7 @@ LANE_FN struct light_sample8 light_sample(const struct kernel_scene *ks, unsigne
             struct polygon8 seen;
             polygon_seen(ks, fx, p, i8_select(lanes, first, I8(0)), i8_select(lanes, count, I8(3)),
                          &seen);
-            struct vec3x8 point = polygon_sample(&seen, lanes, u, v);
+            struct vec3x8 point = polygon_sample(ks, fx, &seen, lanes, u, v);
             struct vec3x8 normal = LIGHT3(normal);
             f8 pdf = polygon_pdf(&seen, lanes, point, normal, area);
             to = vec3x8_select(lanes, point, to);

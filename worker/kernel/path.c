@@ -251,6 +251,14 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         stats->rays_closest += (unsigned)__builtin_popcount(i8_bits(active));
         i8 geometry = i8_load(ray.hit.geomID), prim = i8_load(ray.hit.primID);
         i8 hit = active & (geometry != -1);
+        struct hit_corners8 corners = hit_corners(ks, fx, hit, geometry, prim);
+
+        /* The numbers that almost every vertex needs */
+        f8 light_u, light_v, scatter_u, scatter_v;
+        sampler_2d(&ks->sampler, any, &path.key, vertex_dimension(&path, SAMPLE_LIGHT_POINT),
+                   &light_u, &light_v);
+        sampler_2d(&ks->sampler, any, &path.key, vertex_dimension(&path, SAMPLE_BSDF_DIRECTION),
+                   &scatter_u, &scatter_v);
 
         /* Paths that leave the scene find the sky, which no light sampling competes for */
         if (fx & FX_SKY) {
@@ -262,7 +270,7 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
             path.L = vec3x8_add_where(sky, path.L, seen);
         }
 
-        struct surface8 s = hit_surface(ks, fx, hit, geometry, prim, path.o, path.d,
+        struct surface8 s = hit_surface(ks, fx, hit, geometry, prim, &corners, path.o, path.d,
                                         f8_load(ray.ray.tfar));
         struct vec3x8 wo_world = vec3x8_neg(path.d);
 
@@ -340,13 +348,11 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
             lit &= i8_gather(ks->dfa.accepts, state_d);
         }
         if (ks->lights_sampled && i8_any(lit)) {
-            f8 pick = F8(0), u, v;
+            f8 pick = F8(0);
             if (fx & FX_MANY_LIGHTS)
                 pick = sampler_1d(&ks->sampler, any, &path.key,
                                   vertex_dimension(&path, SAMPLE_LIGHT_PICK));
-            sampler_2d(&ks->sampler, any, &path.key, vertex_dimension(&path, SAMPLE_LIGHT_POINT),
-                       &u, &v);
-            struct light_sample8 ls = light_sample(ks, fx, lit, s.p, pick, u, v);
+            struct light_sample8 ls = light_sample(ks, fx, lit, s.p, pick, light_u, light_v);
             struct vec3x8 wi = frame_to_local(&frame, ls.wi);
             struct bsdf_eval8 f = bsdf_eval(&bsdf, fx, TRANSPORT_RADIANCE, ls.valid, wo, wi);
             i8 worth = ls.valid & (vec3x8_max(f.f_cos) > 0);
@@ -368,13 +374,12 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         }
 
         /* Scatter */
-        f8 lobe = F8(0), u, v;
+        f8 lobe = F8(0);
         if (fx & (FX_MIXTURE | FX_DIELECTRIC | FX_COAT))
             lobe = sampler_1d(&ks->sampler, any, &path.key,
                               vertex_dimension(&path, SAMPLE_BSDF_LOBE));
-        sampler_2d(&ks->sampler, any, &path.key, vertex_dimension(&path, SAMPLE_BSDF_DIRECTION), &u,
-                   &v);
-        struct bsdf_sample8 bs = bsdf_sample(&bsdf, fx, TRANSPORT_RADIANCE, go, wo, lobe, u, v);
+        struct bsdf_sample8 bs = bsdf_sample(&bsdf, fx, TRANSPORT_RADIANCE, go, wo, lobe, scatter_u,
+                                             scatter_v);
         struct vec3x8 wi_world = frame_to_world(&frame, bs.wi);
         f8 wi_side = vec3x8_dot(s.ng, wi_world);
         go &= bs.valid;
