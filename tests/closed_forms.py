@@ -160,9 +160,13 @@ def ceiling(x0, x1, z0, z1, y):
     return fan((x0, y, z0), (x1, y, z0), (x1, y, z1), (x0, y, z1))
 
 
-def box(half=1):
+def box_corners(half=1):
+    return [(x, y, z) for x in (-half, half) for y in (-half, half) for z in (-half, half)]
+
+
+def box(half=1, corners=None):
     """Normals inwards"""
-    c = [(x, y, z) for x in (-half, half) for y in (-half, half) for z in (-half, half)]
+    c = corners or box_corners(half)
     sides = (0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5)
     return "\n".join(fan(*(c[i] for i in side)) for side in sides)
 
@@ -238,9 +242,9 @@ def furnaces():
     """Every surface emits 1 and reflects the albedo: the lecture's geometric series"""
     inside = f'{look((0, 0, 0), (1, .3, .2))}\nCamera "perspective" "float fov" 90'
 
-    def closed(albedo, shape, **more):
+    def closed(albedo, shape, view=inside, **more):
         walls = f'{diffuse(albedo)}\nAreaLightSource "diffuse" {grey("rgb", "L", 1)}'
-        return scene(inside, walls, shape, **more)
+        return scene(view, walls, shape, **more)
 
     hollow = 'ReverseOrientation\nShape "sphere"'
     for albedo, spp in (.5, 128), (.8, 256), (.9, 1024):
@@ -248,6 +252,13 @@ def furnaces():
     for albedo, spp, size in (.5, 128, 16), (.8, 256, 16), (.99, 1024, 24):
         row(f"furnace sphere {albedo}", closed(albedo, hollow, size=size), furnace(albedo),
             spp=spp, workers=2)
+    # A million away: scenes are re-centred when they are read
+    far = 1e6, -1e6, 5e5
+    corners = [tuple(c + o for c, o in zip(corner, far)) for corner in box_corners()]
+    row("furnace box .5 a million away",
+        closed(.5, box(corners=corners),
+               view=f'{look(far, [a + b for a, b in zip(far, (1, .3, .2))])}\n'
+                    'Camera "perspective" "float fov" 90'), 2)
     row("furnace box .9 of depth 5", closed(.9, box(), depth=5), furnace(.9, 5), spp=256,
         depth_limited=True)
     row("furnace through a mitchell filter", closed(.5, box(), pixel_filter='"mitchell"'), 2,

@@ -102,8 +102,18 @@ static void expect_planted_bugs_seen(struct lights *l, const float p[3], const d
 {
     for (int plant = WEIGHT_SMALL; plant <= PDF_LARGE; plant++) {
         struct tally t = irradiance(l, p, n, 200000, (enum plant)plant);
-        assert_true(tally_z(&t, want) > 6);
+        if (!(tally_z(&t, want) > 6))
+            fail_msg("planted bug %d: %.9g, want %.9g", plant, tally_mean(&t), want);
     }
+}
+
+/* The lights were changed: what is measured must not be what was */
+static void expect_refused(struct lights *l, const char *what, const float p[3], const double n[3],
+                           double was)
+{
+    struct tally t = irradiance(l, p, n, 200000, SOUND);
+    if (!(tally_z(&t, was) > 6))
+        fail_msg("%s: not noticed, %.9g against %.9g", what, tally_mean(&t), was);
 }
 
 static const float origin[3] = { 0, 0, 0 };
@@ -189,7 +199,60 @@ static void triangles_light_as_lambert_says(void **state) /* H39 */
         scenes_polygon(l.scene, triangles[i], 3, l.black, 1);
         l.scene->lights[0].flags |= LIGHT_TWO_SIDED;
         lights_open(&l);
-        expect_irradiance(&l, "triangle", origin, (const double[3]){ 0, 1, 0 }, 2 * L[i]);
+        const double n[3] = { 0, 1, 0 };
+        expect_irradiance(&l, "triangle", origin, n, 2 * L[i]);
+        expect_planted_bugs_seen(&l, origin, n, 2 * L[i]);
+        /* A corner off by a hundredth, and another triangle's corners in the same order */
+        l.scene->light_corners[8] += 0.01f;
+        expect_refused(&l, "a corner moved", origin, n, 2 * L[i]);
+        memcpy(l.scene->light_corners, triangles[(i + 1) % 5], sizeof(triangles[0]));
+        expect_refused(&l, "another triangle", origin, n, 2 * L[i]);
+        lights_close(&l);
+    }
+}
+
+/* Form factor of a polygon above the horizon of the origin, by Lambert's formula */
+static double lambert_polygon(const float (*corners)[3], int count, const double n[3])
+{
+    double total = 0;
+    for (int i = 0; i < count; i++) {
+        const float *a = corners[i], *b = corners[(i + 1) % count];
+        double c[3], along = 0, length2 = 0, ab = 0;
+        for (int k = 0; k < 3; k++) {
+            int u = (k + 1) % 3, v = (k + 2) % 3;
+            c[k] = (double)a[u] * (double)b[v] - (double)a[v] * (double)b[u];
+            along += c[k] * n[k];
+            length2 += c[k] * c[k];
+            ab += (double)a[k] * (double)b[k];
+        }
+        total += atan2(sqrt(length2), ab) * along / sqrt(length2);
+    }
+    return fabs(total) / (2 * M_PI);
+}
+
+static void fans_of_triangles_light_as_lambert_says(void **state) /* H39 */
+{
+    (void)state;
+    for (int count = 4; count <= POLYGON_MAX; count++) {
+        /* Long and aslant: no two triangles of the fan are alike */
+        float corners[POLYGON_MAX][3];
+        for (int i = 0; i < count; i++) {
+            double phi = 0.3 - 2 * M_PI * i / count;
+            corners[i][0] = (float)(1.5 * cos(phi));
+            corners[i][1] = (float)(0.6 * sin(phi) + 0.2);
+            corners[i][2] = (float)(1 + 0.5 * cos(phi));
+        }
+        struct lights l = lights_begin();
+        scenes_polygon(l.scene, (const float(*)[3])corners, (uint32_t)count, l.black, 1);
+        lights_open(&l);
+        double want = lambert_polygon((const float(*)[3])corners, count, up);
+        expect_irradiance(&l, "polygon", origin, up, want);
+        expect_planted_bugs_seen(&l, origin, up, want);
+        l.scene->lights[0].corner_count--;
+        expect_refused(&l, "a triangle of the fan is lost", origin, up, want);
+        l.scene->lights[0].corner_count++;
+        memcpy(l.scene->light_corners + 3, l.scene->light_corners + 6, 3 * sizeof(float));
+        expect_refused(&l, "a corner twice", origin, up, want);
         lights_close(&l);
     }
 }
@@ -763,6 +826,23 @@ static void lights_are_chosen_as_often_as_they_say(void **state) /* H42, H46 */
     }
 }
 
+static void a_light_said_to_have_no_power_is_chosen_still(void **state) /* H46 */
+{
+    (void)state;
+    for (int bright = 0; bright < 2; bright++) { /* beside one that has some, and beside none */
+        struct lights l = lights_begin();
+        for (int k = 0; k < 2; k++)
+            scenes_light(l.scene, (struct light){ .kind = LIGHT_POINT, .radiance = { 1, 1, 1 } });
+        scenes_finish(l.scene);
+        l.scene->lights[0].pick = (float)bright;
+        l.scene->lights[1].pick = 0;
+        l.ks = scenes_open(l.scene, (struct picture_how){ 0 });
+        EXPECT_NEAR(light_pick(l.ks, FX_ALL, I8(1))[0], bright ? 0.25 : 0.5, 1e-6);
+        assert_int_equal(light_choose(l.ks, FX_ALL, F8(0.9f))[0], 1);
+        lights_close(&l);
+    }
+}
+
 static void two_techniques_share_one_weight(void **state) /* H45 */
 {
     (void)state;
@@ -774,6 +854,8 @@ static void two_techniques_share_one_weight(void **state) /* H45 */
             EXPECT_NEAR((double)sum, 1, 4 * 0x1p-24);
         }
     assert_true(mis_weight(F8(2), F8(0))[0] == 1);
+    assert_true(mis_weight(F8(2), F8(__builtin_inff()))[0] == 0);
+    assert_true(mis_weight(F8(__builtin_inff()), F8(2))[0] == 1);
 }
 
 int main(void)
@@ -782,6 +864,7 @@ int main(void)
         cmocka_unit_test(squares_have_their_form_factors),
         cmocka_unit_test(facing_and_adjacent_squares_exchange_what_they_must),
         cmocka_unit_test(triangles_light_as_lambert_says),
+        cmocka_unit_test(fans_of_triangles_light_as_lambert_says),
         cmocka_unit_test(disks_have_their_form_factors),
         cmocka_unit_test(spheres_light_also_when_the_horizon_cuts_them),
         cmocka_unit_test(a_wall_lights_the_floor_it_touches),
@@ -792,6 +875,7 @@ int main(void)
         cmocka_unit_test(light_from_behind_or_edge_on_gives_nothing),
         cmocka_unit_test(delta_lights_fall_off_as_they_should),
         cmocka_unit_test(lights_are_chosen_as_often_as_they_say),
+        cmocka_unit_test(a_light_said_to_have_no_power_is_chosen_still),
         cmocka_unit_test(two_techniques_share_one_weight),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

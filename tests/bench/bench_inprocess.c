@@ -1,8 +1,7 @@
 /*
  * A job without its farm: what `pathfarm render` computes, in one process and without a wire. Two
- * (or THREADS) threads take the pairs of tile and replicate in order, render their leaves, fold
- * them along the sum tree and keep the counters that a film keeps. What the farm costs is the
- * difference between the two.
+ * (or THREADS) threads take the pairs of tile and replicate in order, render their leaves, and add
+ * them up along the sum tree as a film does. What the farm costs is the difference between the two.
  *
  * Prints "seconds samples" of the rendering alone: from when the scene is ready to the last sum.
  *
@@ -26,7 +25,7 @@ struct bench {
     struct scene *scene;
     struct kernel_scene *ks;
     uint32_t pairs, replicates;
-    unsigned rounds;
+    uint64_t leaves;        /* of a pair */
     struct sum_stack *film; /* one per pair */
     atomic_uint next_pair;
     atomic_ullong samples;
@@ -40,27 +39,22 @@ static double now_s(void)
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-/* Node (level, index), rendered leaf by leaf; NULL after an error */
-static struct node_sums *node(struct bench *bench, struct kernel_thread *thread, uint32_t pair,
-                              uint32_t level, uint64_t index, struct err *err)
+/* All leaves of a pair, in order, onto its binary counter */
+static bool render_pair(struct bench *bench, struct kernel_thread *thread, uint32_t pair,
+                        struct err *err)
 {
     uint32_t tile = pair / bench->replicates, replicate = pair % bench->replicates;
     struct tile_rect rect = tile_rect(bench->scene, tile);
-    struct fold *fold = fold_new(level, index);
-    struct node_sums *total = NULL;
-    for (uint64_t i = 0; fold != NULL && i < (uint64_t)1 << level; i++) {
+    for (uint64_t i = 0; i < bench->leaves; i++) {
         struct node_sums *leaf = node_sums_new(rect.width * rect.height, 3);
-        uint64_t at = (index << level) + i;
-        if (leaf == NULL || !kernel_leaf(bench->ks, thread, tile, replicate, at, leaf, err) ||
-            fold_add(fold, 0, at, leaf) != FOLD_ADDED) {
+        if (leaf == NULL || !kernel_leaf(bench->ks, thread, tile, replicate, i, leaf, err)) {
             node_sums_free(leaf);
-            break;
+            return false;
         }
+        atomic_fetch_add(&bench->samples, leaf->stats.samples);
+        sum_stack_push(&bench->film[pair], 0, leaf);
     }
-    if (fold != NULL)
-        total = fold_take(fold);
-    fold_free(fold);
-    return total;
+    return true;
 }
 
 static void *work(void *context)
@@ -73,18 +67,8 @@ static void *work(void *context)
         uint32_t pair = atomic_fetch_add(&bench->next_pair, 1);
         if (pair >= bench->pairs)
             break;
-        for (unsigned round = 0; round < bench->rounds; round++) {
-            uint32_t level;
-            uint64_t index;
-            round_node(round, &level, &index);
-            struct node_sums *sums = node(bench, thread, pair, level, index, &err);
-            if (sums == NULL) {
-                atomic_store(&bench->failed, true);
-                break;
-            }
-            atomic_fetch_add(&bench->samples, sums->stats.samples);
-            sum_stack_push(&bench->film[pair], level, sums);
-        }
+        if (!render_pair(bench, thread, pair, &err))
+            atomic_store(&bench->failed, true);
     }
     if (thread == NULL)
         atomic_store(&bench->failed, true);
@@ -126,7 +110,7 @@ int main(int argc, char **argv)
         spec.depth_cap = bench.scene->settings.max_depth;
     spp = job_shape(spp, 0, &spec);
     bench.replicates = spec.replicates;
-    bench.rounds = job_rounds(&spec, spp);
+    bench.leaves = round_end(job_rounds(&spec, spp) - 1);
     bench.pairs = tile_count(bench.scene) * spec.replicates;
     bench.ks = kernel_open(bench.scene, &spec, &err);
     if (bench.ks == NULL)

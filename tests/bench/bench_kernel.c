@@ -2,7 +2,7 @@
  * How close the kernel comes to bare Embree: render some leaves of a scene on one thread, record
  * their rays, and replay these one at a time through rtcIntersect1 and rtcOccluded1 with the same
  * scene and flags. Prints "kernel_ratio_NAME value", value = replay time / render time, the median
- * over interleaved runs of processor time; and, for people, the rest as comments.
+ * over runs of processor time, tile by tile in turns; and, for people, the rest as comments.
  *
  * Usage: bench_kernel NAME SCENE.pbrt [RUNS]
  */
@@ -38,34 +38,34 @@ static double median(double *values, int count)
     return values[count / 2];
 }
 
-/* Render the first `leaves` leaves of every tile; camera paths traced, or 0 after an error */
-static uint64_t render(const struct kernel_scene *ks, struct kernel_thread *thread, unsigned leaves,
-                       struct err *err)
+/* Render the first `leaves` leaves of a tile; camera paths traced, or 0 after an error */
+static uint64_t render(const struct kernel_scene *ks, struct kernel_thread *thread, uint32_t tile,
+                       unsigned leaves, struct err *err)
 {
+    struct tile_rect rect = tile_rect(ks->scene, tile);
+    struct node_sums *sums = node_sums_new(rect.width * rect.height, 3);
+    if (sums == NULL)
+        return 0;
     uint64_t samples = 0;
-    for (uint32_t tile = 0; tile < tile_count(ks->scene); tile++) {
-        struct tile_rect rect = tile_rect(ks->scene, tile);
-        struct node_sums *sums = node_sums_new(rect.width * rect.height, 3);
-        if (sums == NULL)
-            return 0;
-        for (unsigned leaf = 0; leaf < leaves; leaf++) {
-            if (!kernel_leaf(ks, thread, tile, 0, leaf, sums, err)) {
-                node_sums_free(sums);
-                return 0;
-            }
-            samples += sums->stats.samples;
+    for (unsigned leaf = 0; leaf < leaves; leaf++) {
+        if (!kernel_leaf(ks, thread, tile, 0, leaf, sums, err)) {
+            samples = 0;
+            break;
         }
-        node_sums_free(sums);
+        samples += sums->stats.samples;
     }
+    node_sums_free(sums);
     return samples;
 }
 
-static size_t replay(const struct kernel_scene *ks, const struct ray_log *log)
+/* Trace the rays [first, end) of the log again */
+static size_t replay(const struct kernel_scene *ks, const struct ray_log *log, size_t first,
+                     size_t end)
 {
     size_t hits = 0;
     struct RTCIntersectContext context;
     rtcInitIntersectContext(&context);
-    for (size_t i = 0; i < log->count; i++) {
+    for (size_t i = first; i < end; i++) {
         const struct logged_ray *r = &log->rays[i];
         if (r->shadow) {
             struct RTCRay ray = { .org_x = r->o[0],
@@ -128,30 +128,49 @@ int main(int argc, char **argv)
     log.rays = malloc(log.capacity * sizeof(*log.rays));
     if (log.rays == NULL)
         goto fail;
-    unsigned leaves = LEAVES;
+    /* Which rays belong to which tile; fewer leaves where the log would run over */
+    uint32_t tiles = tile_count(scene);
+    size_t *first = calloc((size_t)tiles + 1, sizeof(*first));
+    if (first == NULL)
+        goto fail;
+    unsigned leaves = LEAVES * 2;
     thread->log = &log;
-    while (leaves > 1 && (render(ks, thread, leaves, &err), log.dropped > 0)) {
+    do {
         leaves /= 2;
         log.count = log.dropped = 0;
-    }
+        for (uint32_t tile = 0; tile < tiles; tile++) {
+            if (render(ks, thread, tile, leaves, &err) == 0)
+                goto fail;
+            first[tile + 1] = log.count;
+        }
+    } while (leaves > 1 && log.dropped > 0);
     thread->log = NULL;
 
+    /* Tile by tile in turns, so that what disturbs the machine disturbs both */
     double ratios[99], speeds[99];
     for (int run = 0; run < runs; run++) {
-        double t0 = cpu_seconds();
-        uint64_t samples = render(ks, thread, leaves, &err);
-        double t1 = cpu_seconds();
-        size_t hits = replay(ks, &log);
-        double t2 = cpu_seconds();
+        uint64_t samples = 0;
+        size_t hits = 0;
+        double rendering = 0, replaying = 0;
+        for (uint32_t tile = 0; tile < tiles; tile++) {
+            double t0 = cpu_seconds();
+            samples += render(ks, thread, tile, leaves, &err);
+            double t1 = cpu_seconds();
+            hits += replay(ks, &log, first[tile], first[tile + 1]);
+            double t2 = cpu_seconds();
+            rendering += t1 - t0;
+            replaying += t2 - t1;
+        }
         if (samples == 0 || hits == 0)
             goto fail;
-        ratios[run] = (t2 - t1) / (t1 - t0);
-        speeds[run] = (double)samples / (t1 - t0) * 1e-6;
+        ratios[run] = replaying / rendering;
+        speeds[run] = (double)samples / rendering * 1e-6;
     }
     double ratio = median(ratios, runs);
     printf("kernel_ratio_%s %.3f\n", argv[1], ratio);
     printf("# %s: variant %s, %zu rays, %.3f Mpaths/s on one thread; ratios %.3f to %.3f\n",
            argv[1], ks->variant, log.count, median(speeds, runs), ratios[0], ratios[runs - 1]);
+    free(first);
     free(log.rays);
     kernel_thread_close(thread);
     kernel_close(ks);
