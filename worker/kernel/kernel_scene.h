@@ -44,8 +44,8 @@ struct kernel_scene {
     float *light_pmf;    /* differences of light_cdf */
     float *light_extent; /* largest coordinate or radius: its points are rounded relative to this */
     int32_t polygon_fans; /* triangles of the widest polygon's fan, at least 2 */
-    int lights_sampled; /* any light with pmf > 0 */
-    float far_distance; /* beyond everything in the scene */
+    int lights_sampled;   /* any light with pmf > 0 */
+    float far_distance;   /* beyond everything in the scene */
 
     void (*leaf)(const struct kernel_scene *ks, struct kernel_thread *thread, uint32_t tile,
                  uint32_t replicate, uint64_t leaf, struct path_stats *stats);
