@@ -7,20 +7,26 @@
 
 static uint32_t material_effects(const struct material *material)
 {
-    bool rough = material->alpha[0] >= ALPHA_SMOOTH || material->alpha[1] >= ALPHA_SMOOTH;
+    uint32_t mask = 0;
+    bool rough = material->alpha[0] >= ALPHA_SMOOTH || material->alpha[1] >= ALPHA_SMOOTH ||
+                 material->texture[SLOT_ROUGHNESS_U] != 0 ||
+                 material->texture[SLOT_ROUGHNESS_V] != 0;
+    for (int slot = 0; slot < MATERIAL_SLOTS; slot++)
+        if (material->texture[slot] != 0)
+            mask |= slot == SLOT_NORMAL || slot == SLOT_BUMP ? FX_TEXTURE | FX_BUMP : FX_TEXTURE;
     switch (material->kind) {
     case MATERIAL_MIXTURE:
-        return FX_MIXTURE;
+        return mask | FX_MIXTURE;
     case MATERIAL_CONDUCTOR:
-        return FX_CONDUCTOR | (rough ? FX_ROUGH : 0);
+        return mask | FX_CONDUCTOR | (rough ? FX_ROUGH : 0);
     case MATERIAL_DIELECTRIC:
-        return FX_DIELECTRIC | (rough ? FX_ROUGH : 0);
+        return mask | FX_DIELECTRIC | (rough ? FX_ROUGH : 0);
     case MATERIAL_COAT:
-        return FX_COAT | (rough ? FX_ROUGH : 0);
+        return mask | FX_COAT | (rough ? FX_ROUGH : 0);
     case MATERIAL_MIX:
-        return FX_MIX;
+        return mask | FX_MIX;
     default:
-        return 0; /* diffuse is what every kernel has */
+        return mask; /* diffuse is what every kernel has */
     }
 }
 

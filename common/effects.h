@@ -32,7 +32,9 @@ struct scene;
     X(SAMPLER_ANY, 17, "sampler-any", "a sampler other than Owen-scrambled Sobol")      \
     X(FILTER_ANY, 18, "filter-any", "a reconstruction filter other than the pixel box") \
     X(PATHS, 19, "paths", "a path expression that is not L(D|S)*E")                     \
-    X(WIDE_POLYGON, 20, "wide-polygon", "polygon lights of five or more corners")
+    X(WIDE_POLYGON, 20, "wide-polygon", "polygon lights of five or more corners")       \
+    X(TEXTURE, 21, "texture", "values that change over a surface")                      \
+    X(BUMP, 22, "bump", "normal maps and displacements by bumps")
 
 enum effect {
 #define X(name, bit, printed, meaning) FX_##name = 1u << (bit),
@@ -40,7 +42,11 @@ enum effect {
 #undef X
 };
 
-#define FX_ALL ((1u << 21) - 1)
+enum {
+#define X(name, bit, printed, meaning) FX_##name |
+    FX_ALL = EFFECT_MAP(X) 0
+#undef X
+};
 
 /* The mask of a finished scene. Pure; any thread. */
 uint32_t scene_effects(const struct scene *scene);

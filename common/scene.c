@@ -9,6 +9,7 @@
 #include <string.h>
 
 #define RESOLUTION_MAX 65536
+#define PICTURE_MAX    (1 << 20) /* texels of a side */
 
 struct scene *scene_new(void)
 {
@@ -134,6 +135,12 @@ static bool check_mesh(const struct scene *scene, uint32_t index, struct err *er
         return err_set(err, ERR_SCENE, "mesh %u: texture coordinates are missing", index);
     if ((mesh->flags & MESH_NORMALS) && !scene->settings.has_normals)
         return err_set(err, ERR_SCENE, "mesh %u has normals and the scene says none has", index);
+    uint32_t first_color = mesh->first_vertex + mesh->color_shift;
+    if ((mesh->flags & MESH_COLORS) &&
+        (uint64_t)first_color + mesh->vertex_count > scene->color_count)
+        return err_set(err, ERR_SCENE, "mesh %u: vertex colours are missing", index);
+    if (mesh->alpha > scene->texture_count)
+        return err_set(err, ERR_SCENE, "mesh %u: no texture %u", index, mesh->alpha);
     if (mesh->first_emissive != SCENE_NONE &&
         (uint64_t)mesh->first_emissive + mesh->triangle_count > scene->triangle_light_count)
         return err_set(err, ERR_SCENE, "mesh %u: its triangles' lights are missing", index);
@@ -158,16 +165,64 @@ static bool check_quadric(const struct scene *scene, uint32_t index, struct err 
     return true;
 }
 
+static bool check_picture(const struct scene *scene, uint32_t index, struct err *err)
+{
+    static const unsigned texel_size[] = { 1, 1, 2, 4 };
+    const struct scene_picture *picture = &scene->pictures[index];
+
+    if (picture->texel > TEXEL_FLOAT || picture->channels < 1 || picture->channels > 4 ||
+        picture->width < 1 || picture->width > PICTURE_MAX || picture->height < 1 ||
+        picture->height > PICTURE_MAX || picture->levels < 1 || picture->levels > 32)
+        return err_set(err, ERR_SCENE, "picture %u: its shape is not valid", index);
+    uint64_t bytes = 0;
+    for (uint32_t level = 0; level < picture->levels; level++) {
+        uint64_t width = picture->width >> level, height = picture->height >> level;
+        bytes += (width > 0 ? width : 1) * (height > 0 ? height : 1);
+    }
+    bytes *= picture->channels * texel_size[picture->texel];
+    if (bytes > ((uint64_t)scene->texel_block_count - picture->first_block) * TEXEL_BLOCK ||
+        picture->first_block > scene->texel_block_count)
+        return err_set(err, ERR_SCENE, "picture %u reaches beyond the texels", index);
+    return true;
+}
+
+static bool check_texture(const struct scene *scene, uint32_t index, struct err *err)
+{
+    const struct texture *texture = &scene->textures[index];
+    const float others[] = { texture->scale, texture->variation, texture->omega };
+
+    if (texture->kind >= TEXTURE_KINDS || texture->mapping > MAPPING_POINT ||
+        texture->wrap[0] > WRAP_MIRROR || texture->wrap[1] > WRAP_MIRROR ||
+        (texture->channel > 3 && texture->channel != SCENE_NONE))
+        return err_set(err, ERR_SCENE, "texture %u is not valid", index);
+    if (!all_finite(&texture->value[0][0], 12) || !all_finite(texture->map, 12) ||
+        !all_finite(others, 3) || texture->octaves > 64)
+        return err_set(err, ERR_SCENE, "texture %u has a number that is not valid", index);
+    if (texture->kind == TEXTURE_IMAGE && texture->picture >= scene->picture_count)
+        return err_set(err, ERR_SCENE, "texture %u: no picture %u", index, texture->picture);
+    /* Earlier textures only, so that none can contain itself */
+    for (int i = 0; i < 3; i++)
+        if (texture->child[i] > index)
+            return err_set(err, ERR_SCENE, "texture %u is made of one that is not before it",
+                           index);
+    return true;
+}
+
 static bool check_material(const struct scene *scene, uint32_t index, struct err *err)
 {
     const struct material *material = &scene->materials[index];
 
     if (material->kind >= MATERIAL_KINDS)
         return err_set(err, ERR_SCENE, "material %u: unknown kind %u", index, material->kind);
-    const float others[] = { material->ior,        material->alpha[0],   material->alpha[1],
-                             material->mix_amount, material->coat_inner, material->coat_scale };
+    for (int slot = 0; slot < MATERIAL_SLOTS; slot++)
+        if (material->texture[slot] > scene->texture_count)
+            return err_set(err, ERR_SCENE, "material %u: no texture %u", index,
+                           material->texture[slot]);
+    const float others[] = { material->ior,         material->alpha[0],   material->alpha[1],
+                             material->mix_amount,  material->coat_inner, material->coat_scale,
+                             material->normal_scale };
     if (!all_finite(material->reflectance, 3) || !all_finite(material->specular, 3) ||
-        !all_finite(material->eta, 3) || !all_finite(material->k, 3) || !all_finite(others, 6))
+        !all_finite(material->eta, 3) || !all_finite(material->k, 3) || !all_finite(others, 7))
         return err_set(err, ERR_SCENE, "material %u has a number that is not finite", index);
     if ((material->kind == MATERIAL_DIELECTRIC || material->kind == MATERIAL_COAT) &&
         !(material->ior > 0))
@@ -223,6 +278,10 @@ static bool check_arrays(const struct scene *scene, struct err *err)
         return err_set(err, ERR_SCENE, "a corner of a light is not finite");
     if (!all_finite(scene->coat_tables, COAT_TABLE_LEN * (size_t)scene->coat_table_count))
         return err_set(err, ERR_SCENE, "a coat's table is not finite");
+    if (!all_finite(scene->uvs, 2 * (size_t)scene->uv_count))
+        return err_set(err, ERR_SCENE, "a texture coordinate is not finite");
+    if (!all_finite(scene->colors, 4 * (size_t)scene->color_count))
+        return err_set(err, ERR_SCENE, "a vertex colour is not finite");
     for (uint32_t i = 0; i < scene->triangle_light_count; i++)
         if (scene->triangle_light[i] != SCENE_NONE &&
             scene->triangle_light[i] >= scene->light_count)
@@ -240,6 +299,12 @@ bool scene_check(const struct scene *scene, struct err *err)
             return false;
     for (uint32_t i = 0; i < scene->quadric_count; i++)
         if (!check_quadric(scene, i, err))
+            return false;
+    for (uint32_t i = 0; i < scene->picture_count; i++)
+        if (!check_picture(scene, i, err))
+            return false;
+    for (uint32_t i = 0; i < scene->texture_count; i++)
+        if (!check_texture(scene, i, err))
             return false;
     for (uint32_t i = 0; i < scene->material_count; i++)
         if (!check_material(scene, i, err))

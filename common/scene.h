@@ -90,19 +90,22 @@ enum mesh_flag {
     MESH_NORMALS = 1,     /* has vertex normals */
     MESH_UVS = 2,         /* has texture coordinates */
     MESH_FLIP_NORMAL = 4, /* geometric normal is -(e1 x e2): orientation and handedness together */
+    MESH_COLORS = 8,      /* has vertex colours */
 };
 
 /*
  * Triangles [first_triangle, first_triangle + triangle_count) of `triangles`. Triangle indices are
  * global: vertex v has positions[3v..3v+2], normals[3(v + normal_shift)..] and
- * uvs[2(v + uv_shift)..], the shifts wrapping modulo 2^32. Normals are unit length, in world
- * space, on the side given by the file (already flipped by ReverseOrientation).
+ * uvs[2(v + uv_shift)..] and colors[4(v + color_shift)..] (linear RGB and alpha), the shifts
+ * wrapping modulo 2^32. Normals are unit length, in world space, on the side given by the file
+ * (already flipped by ReverseOrientation).
  */
 struct mesh {
     uint32_t first_triangle, triangle_count;
     uint32_t first_vertex, vertex_count;
-    uint32_t normal_shift, uv_shift;
-    uint32_t material;       /* index into materials; SCENE_NONE: an interface that is not there */
+    uint32_t normal_shift, uv_shift, color_shift;
+    uint32_t alpha;    /* texture of the share of the surface that is there; 1 + index, or 0 */
+    uint32_t material; /* index into materials; SCENE_NONE: an interface that is not there */
     uint32_t first_emissive; /* triangle t emits as light triangle_light[first_emissive + t]; or
                                 SCENE_NONE */
     uint32_t flags;
@@ -130,6 +133,73 @@ struct quadric {
     uint32_t light;     /* or SCENE_NONE */
 };
 
+/*
+ * A picture that textures and environments read: `levels` pyramids of half the size each, from
+ * `width` x `height` to 1 x 1 (sizes round down, never below 1), one after the other from texel
+ * block `first_block` on. Rows start at the top; channels are interleaved: 1 grey, 2 grey and
+ * alpha, 3 RGB, 4 RGBA. An environment has one level.
+ */
+enum picture_texel {
+    TEXEL_U8 = 0,      /* value / 255 */
+    TEXEL_U8_SRGB = 1, /* the same through the sRGB curve; alpha stays linear */
+    TEXEL_HALF = 2,
+    TEXEL_FLOAT = 3,
+};
+#define TEXEL_BLOCK 16 /* bytes; pictures start at multiples of it */
+struct scene_picture {
+    uint32_t first_block;
+    uint32_t width, height, channels, levels;
+    uint32_t texel; /* enum picture_texel */
+};
+
+/*
+ * Textures are trees: children come before their parents in the array. A value has three channels;
+ * a float texture has the same in all. Where child[i] is 0, value[i] stands in its place.
+ */
+enum texture_kind {
+    TEXTURE_CONSTANT = 0, /* value[0] */
+    TEXTURE_IMAGE = 1,    /* picture, at (u, v) of the mapping; v upwards from the bottom row */
+    TEXTURE_SCALE = 2,    /* child 0 times child 1 */
+    TEXTURE_MIX = 3,      /* child 0 (1 - child 2) + child 1 child 2 */
+    TEXTURE_CHECKERBOARD =
+        4,              /* child 0 where the sum of the floors of the mapping is even, else 1 */
+    TEXTURE_BILERP = 5, /* value[0] at (0,0), [1] at (0,1), [2] at (1,0), [3] at (1,1) */
+    TEXTURE_FBM = 6,    /* pbrt-v4's noises of a point: octaves, omega */
+    TEXTURE_WRINKLED = 7,
+    TEXTURE_WINDY = 8,
+    TEXTURE_DOTS = 9,          /* child 0 inside of pbrt's random dots, child 1 outside */
+    TEXTURE_MARBLE = 10,       /* octaves, omega, scale, variation */
+    TEXTURE_VERTEX_COLOR = 11, /* colours of the mesh, interpolated; white where there are none */
+    TEXTURE_DIRECTION = 12,    /* mix of child 0 and 1 by |n . d|, d in value[2] */
+    TEXTURE_KINDS
+};
+enum texture_mapping {
+    MAPPING_UV = 0,          /* (map[0] u + map[1] v + map[2], map[3] u + map[4] v + map[5]) */
+    MAPPING_PLANAR = 1,      /* (map[0..2] . p + map[3], map[4..6] . p + map[7]) */
+    MAPPING_SPHERICAL = 2,   /* of map (3x4, world to texture) times p: (theta / pi, phi / 2 pi) */
+    MAPPING_CYLINDRICAL = 3, /* of the same point: (phi / 2 pi + 1/2, z) */
+    MAPPING_POINT = 4,       /* the same point itself, for textures of three dimensions */
+};
+enum texture_wrap { WRAP_REPEAT = 0, WRAP_CLAMP = 1, WRAP_BLACK = 2, WRAP_MIRROR = 3 };
+enum texture_flag {
+    TEXTURE_INVERT = 1,      /* 1 - value, never below 0 */
+    TEXTURE_NEAREST = 2,     /* no interpolation between texels */
+    TEXTURE_THREE_SPACE = 4, /* a checkerboard of cubes */
+};
+struct texture {
+    uint32_t kind, flags;
+    uint32_t child[3]; /* 1 + index of an earlier texture, or 0 */
+    float value[4][3];
+    uint32_t mapping;
+    float map[12];    /* p is in re-centred world space; already divided by what it divides */
+    uint32_t picture; /* index */
+    uint32_t wrap[2]; /* along u and v */
+    uint32_t channel; /* 0 to 3: that channel alone, in all three; SCENE_NONE: RGB */
+    float scale, variation;
+    uint32_t octaves;
+    float omega;
+};
+
 enum material_kind {
     MATERIAL_DIFFUSE = 0,    /* reflectance */
     MATERIAL_MIXTURE = 1,    /* reflectance (k_d) + perfect mirror of colour specular (k_s) */
@@ -154,8 +224,33 @@ enum material_kind {
  * is that of their mean.
  */
 #define ALPHA_SMOOTH 1e-3f
+
+/*
+ * What a texture may give instead of the number in struct material. SLOT_ROUGHNESS_* give alpha
+ * after the remapping of MATERIAL_REMAP; SLOT_NORMAL is a normal in the tangent frame, (c + 1) / 2;
+ * SLOT_BUMP a displacement along the normal, in world units, of which only the slope is used.
+ */
+enum material_slot {
+    SLOT_REFLECTANCE = 0, /* reflectance */
+    SLOT_SPECULAR = 1,    /* specular */
+    SLOT_ROUGHNESS_U = 2, /* alpha[0] */
+    SLOT_ROUGHNESS_V = 3, /* alpha[1] */
+    SLOT_AMOUNT = 4,      /* mix_amount */
+    SLOT_ETA = 5,         /* eta */
+    SLOT_K = 6,           /* k */
+    SLOT_NORMAL = 7,
+    SLOT_BUMP = 8,
+    MATERIAL_SLOTS
+};
+enum material_flag {
+    MATERIAL_REMAP = 1, /* a texture's roughness r means alpha = sqrt(r) */
+    MATERIAL_METAL = 2, /* conductor: SLOT_REFLECTANCE gives eta = 1 and k as for "reflectance" */
+    MATERIAL_NORMAL_SCALED = 4, /* the normal map's x and y are multiplied by normal_scale */
+};
 struct material {
-    uint32_t kind;
+    uint32_t kind, flags;
+    uint32_t texture[MATERIAL_SLOTS]; /* 1 + index, or 0 */
+    float normal_scale;
     float reflectance[3];
     float specular[3];
     float eta[3], k[3];
@@ -224,6 +319,14 @@ struct scene {
     uint32_t light_corner_count;
     uint32_t *triangle_light;
     uint32_t triangle_light_count;
+    float *colors;
+    uint32_t color_count;
+    struct texture *textures;
+    uint32_t texture_count;
+    struct scene_picture *pictures;
+    uint32_t picture_count;
+    uint8_t *texels;
+    uint32_t texel_block_count; /* TEXEL_BLOCK bytes each */
 };
 
 /* The arrays, for code that treats all alike: member, count member, element type, per count */
@@ -238,7 +341,11 @@ struct scene {
     X(coat_tables, coat_table_count, float, COAT_TABLE_LEN) \
     X(lights, light_count, struct light, 1)                 \
     X(light_corners, light_corner_count, float, 3)          \
-    X(triangle_light, triangle_light_count, uint32_t, 1)
+    X(triangle_light, triangle_light_count, uint32_t, 1)    \
+    X(colors, color_count, float, 4)                        \
+    X(textures, texture_count, struct texture, 1)           \
+    X(pictures, picture_count, struct scene_picture, 1)     \
+    X(texels, texel_block_count, uint8_t, TEXEL_BLOCK)
 
 /* An empty scene with default settings; NULL when memory runs out. scene_free(NULL) is fine. */
 struct scene *scene_new(void);

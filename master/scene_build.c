@@ -43,6 +43,9 @@ void scene_build_free(struct scene_build *build)
     growing_free(&build->coat_tables);
     growing_free(&build->emitters);
     growing_free(&build->lights);
+    growing_free(&build->textures);
+    growing_free(&build->pictures);
+    growing_free(&build->texels);
     scene_free(build->scene);
     free(build);
 }
@@ -303,6 +306,7 @@ static bool place_meshes(struct scene_build *build, struct build_counts *counts,
         bool mirrored = transform_det3(&from[i].place.to_world) < 0;
         struct mesh mesh = { .first_vertex = range->first_vertex,
                              .vertex_count = range->vertex_count,
+                             .alpha = from[i].place.alpha,
                              .material = from[i].place.material,
                              .first_emissive = SCENE_NONE };
         if (mirrored != from[i].place.reverse_orientation)
@@ -365,6 +369,23 @@ static bool place_quadrics(struct scene_build *build, struct err *err)
     }
     scene->quadric_count = (uint32_t)build->quadrics.count;
     return true;
+}
+
+/* Textures of points, too, move next to the origin: map (p + center) becomes map p + its image */
+static void place_textures(struct scene_build *build)
+{
+    const double *center = build->scene->settings.center;
+    struct texture *texture = build->textures.data;
+    for (size_t i = 0; i < build->textures.count; i++, texture++) {
+        if (texture->mapping == MAPPING_UV)
+            continue;
+        int rows = texture->mapping == MAPPING_PLANAR ? 2 : 3;
+        for (int row = 0; row < rows; row++) {
+            float *m = texture->map + 4 * row;
+            m[3] = (float)((double)m[3] + (double)m[0] * center[0] + (double)m[1] * center[1] +
+                           (double)m[2] * center[2]);
+        }
+    }
 }
 
 static void place_camera(struct scene_build *build)
@@ -473,13 +494,17 @@ static bool place_all(struct scene_build *build, struct build_counts *counts, st
     choose_center(&bounds, scene->settings.center);
     store_bounds(scene, &bounds);
     place_camera(build);
+    place_textures(build);
     return place_meshes(build, counts, err) && place_quadrics(build, err) &&
            GIVE(&build->vertices.positions, 3, positions, vertex_count) &&
            GIVE(&build->vertices.normals, 3, normals, normal_count) &&
            GIVE(&build->vertices.uvs, 2, uvs, uv_count) &&
            GIVE(&build->vertices.triangles, 3, triangles, triangle_count) &&
            GIVE(&build->materials, 1, materials, material_count) &&
-           GIVE(&build->coat_tables, COAT_TABLE_LEN, coat_tables, coat_table_count);
+           GIVE(&build->coat_tables, COAT_TABLE_LEN, coat_tables, coat_table_count) &&
+           GIVE(&build->textures, 1, textures, texture_count) &&
+           GIVE(&build->pictures, 1, pictures, picture_count) &&
+           GIVE(&build->texels, TEXEL_BLOCK, texels, texel_block_count);
 }
 
 /* Meshes that lost all their triangles have nothing left to say */

@@ -23,6 +23,7 @@ struct build_place {
     bool reverse_orientation;
     uint32_t material; /* index into `materials` below, or SCENE_NONE */
     uint32_t emitter;  /* index into `emitters`, or SCENE_NONE */
+    uint32_t alpha;    /* 1 + index into `textures`, or 0 */
     struct source_pos pos;
 };
 
@@ -61,6 +62,9 @@ struct scene_build {
     struct growing coat_tables; /* COAT_TABLE_LEN floats each */
     struct growing emitters;    /* struct emitter */
     struct growing lights;      /* struct build_light */
+    struct growing textures;    /* struct texture: indices are final, points still the file's */
+    struct growing pictures;    /* struct scene_picture, added by scene_pictures.h */
+    struct growing texels;      /* TEXEL_BLOCK bytes each */
 };
 
 /* NULL when memory runs out. scene_build_free(NULL) does nothing. */

@@ -1,0 +1,50 @@
+/*
+ * Pictures on their way into a scene: read from files or memory (picture_file.h), given their
+ * pyramid of half sizes, and appended to the texels of the scene in the making. A file is read
+ * once, however many textures use it in the same encoding.
+ *
+ * The pyramid's texels are box averages of linear values in double, rounded once per level.
+ */
+#ifndef MASTER_SCENE_PICTURES_H
+#define MASTER_SCENE_PICTURES_H
+
+#include "master/growing.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct err;
+struct scene_build;
+
+enum picture_encoding {
+    ENCODING_AS_FOUND = 0, /* sRGB for 8 bits, linear for all else */
+    ENCODING_SRGB = 1,
+    ENCODING_LINEAR = 2,
+    ENCODING_GAMMA = 3, /* value^gamma */
+};
+
+struct picture_wish {
+    enum picture_encoding encoding;
+    double gamma;
+    bool pyramid; /* else the full size alone */
+};
+
+/* What was read already; zero-initialised at first. Lives as long as the reader. */
+struct scene_pictures {
+    struct growing known;
+};
+void scene_pictures_free(struct scene_pictures *pictures);
+
+/* The picture in file `path`, as an index into build->pictures. ERR_SCENE and the like say why
+ * not. */
+bool scene_pictures_read(struct scene_pictures *pictures, struct scene_build *build,
+                         const char *path, const struct picture_wish *wish, uint32_t *index,
+                         struct err *err);
+
+/* The same from memory; `name` is unique among the scene's pictures, and used for errors. */
+bool scene_pictures_read_bytes(struct scene_pictures *pictures, struct scene_build *build,
+                               const void *bytes, size_t size, const char *name,
+                               const struct picture_wish *wish, uint32_t *index, struct err *err);
+
+#endif
