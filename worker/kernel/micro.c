@@ -134,11 +134,24 @@ static void geometry_fill(struct scene *scene)
     }
 
     static const struct mesh meshes[3] = {
-        { 0, BOX_TRIANGLES, 0, BOX_VERTICES, 0, 0, BLEND, SCENE_NONE, 0 },
-        { BOX_TRIANGLES, LIGHT_TRIANGLES, BOX_VERTICES, LIGHT_VERTICES, 0, 0, WHITE, 0,
-          MESH_FLIP_NORMAL },
-        { BOX_TRIANGLES + LIGHT_TRIANGLES, FAN_TRIANGLES, BOX_VERTICES + LIGHT_VERTICES,
-          FAN_VERTICES, 0u - (BOX_VERTICES + LIGHT_VERTICES), 0, COATED, SCENE_NONE, MESH_NORMALS },
+        { .triangle_count = BOX_TRIANGLES,
+          .vertex_count = BOX_VERTICES,
+          .material = BLEND,
+          .first_emissive = SCENE_NONE },
+        { .first_triangle = BOX_TRIANGLES,
+          .triangle_count = LIGHT_TRIANGLES,
+          .first_vertex = BOX_VERTICES,
+          .vertex_count = LIGHT_VERTICES,
+          .material = WHITE,
+          .flags = MESH_FLIP_NORMAL },
+        { .first_triangle = BOX_TRIANGLES + LIGHT_TRIANGLES,
+          .triangle_count = FAN_TRIANGLES,
+          .first_vertex = BOX_VERTICES + LIGHT_VERTICES,
+          .vertex_count = FAN_VERTICES,
+          .normal_shift = 0u - (BOX_VERTICES + LIGHT_VERTICES),
+          .material = COATED,
+          .first_emissive = SCENE_NONE,
+          .flags = MESH_NORMALS },
     };
     memcpy(scene->meshes, meshes, sizeof(meshes));
     quadric_fill(&scene->quadrics[0], QUADRIC_SPHERE, (float[3]){ -0.5f, 0.4f, 0.2f }, 0.1f, WHITE,
