@@ -2,6 +2,7 @@
 #include "common/job.h"
 #include "common/scene.h"
 
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stddef.h>
@@ -295,6 +296,35 @@ static void a_64_spp_job_extended_to_256_is_a_256_spp_job(void **state)
     node_sums_free(want);
 }
 
+/* A running float32 sum of tenths stops at 2^21; the tree's partial sums have about the same size
+ */
+static void ten_million_samples_do_not_stagnate(void **state) /* H57 */
+{
+    (void)state;
+    const uint64_t leaves = 1 << 18;
+    const unsigned per_leaf = 128; /* together 2^25 samples */
+    struct sum_stack stack = { 0 };
+    struct node_sums *total = node_sums_new(1, 1);
+    double leaf = 0;
+    float naive = 0;
+    for (unsigned i = 0; i < per_leaf; i++)
+        leaf += (double)0.1f; /* a leaf adds its samples in double */
+    for (uint64_t i = 0; i < leaves; i++) {
+        struct node_sums *sums = node_sums_new(1, 1);
+        assert_non_null(sums);
+        sums->values[0] = (float)leaf;
+        sum_stack_push(&stack, 0, sums);
+        for (unsigned k = 0; k < per_leaf; k++)
+            naive += 0.1f;
+    }
+    sum_stack_total(&stack, total);
+    double samples = (double)leaves * per_leaf;
+    assert_true(fabs((double)total->values[0] / samples - 0.1) < 1e-7);
+    assert_true((double)naive / samples < 0.07); /* what the test is there to catch */
+    sum_stack_clear(&stack);
+    node_sums_free(total);
+}
+
 static void an_unfinished_counter_is_folded_smallest_node_first(void **state)
 {
     (void)state;
@@ -419,6 +449,7 @@ int main(void)
         cmocka_unit_test(in_order_a_fold_holds_no_more_than_its_depth),
         cmocka_unit_test(what_is_covered_or_elsewhere_is_refused),
         cmocka_unit_test(a_64_spp_job_extended_to_256_is_a_256_spp_job),
+        cmocka_unit_test(ten_million_samples_do_not_stagnate),
         cmocka_unit_test(an_unfinished_counter_is_folded_smallest_node_first),
         cmocka_unit_test(counters_add_failures_join_and_the_largest_wins),
         cmocka_unit_test(a_job_takes_the_shape_its_samples_allow),

@@ -316,6 +316,89 @@ slivers_have_unit_normals_and_degenerate_triangles_none_that_are_nan(void **stat
     scene_free(scene);
 }
 
+/* Two triangles of aspect 1e6 back to back along their long edge: rays across it hit one of them,
+ * the one they are aimed at unless they are within rounding of the edge. */
+static void slivers_leave_no_gap_to_their_neighbours(void **state) /* H11 */
+{
+    (void)state;
+    struct scene *scene = scenes_begin(1, 1);
+    uint32_t white = scenes_diffuse(scene, 0.5f);
+    static const float shapes[2][3][3] = {
+        { { 0, 0, 1 }, { 1, 0.3f, 1.5f }, { 0.5f, 0.150001f, 1.25f } },
+        { { 1, 0.3f, 1.5f }, { 0, 0, 1 }, { 0.5f, 0.149999f, 1.25f } },
+    };
+    for (int i = 0; i < 2; i++)
+        scenes_polygon(scene, shapes[i], 3, white, 0);
+    scenes_finish(scene);
+    struct kernel_scene *ks = scenes_open(scene, (struct picture_how){ 0 });
+    struct random_lanes r = { 12, 0 };
+    int lost = 0, wrong = 0;
+    for (int i = 0; i < 20000; i++) {
+        /* A point within half the slivers' height of the edge, seen from anywhere but along it */
+        struct vec3x8 d = random_direction(&r), at;
+        f8 off;
+        for (int lane = 0; lane < LANES; lane++) {
+            double along = 0.2 + 0.6 * random_double(&r), side = 2 * random_double(&r) - 1;
+            at.x[lane] = (float)along;
+            at.y[lane] = (float)(0.3 * along + 2e-7 * side);
+            at.z[lane] = (float)(1 + 0.5 * along);
+            off[lane] = (float)((double)at.y[lane] - 0.3 * (double)at.x[lane]);
+        }
+        i8 geometry, prim;
+        f8 t;
+        intersect(ks, vec3x8_sub(at, d), d, &geometry, &prim, &t);
+        i8 steep = f8_abs(0.8944272f * d.z - 0.4472136f * d.x) > 0.6f;
+        i8 meant = f8_abs(off) > 1e-7f;
+        i8 first = off > 0;
+        lost += __builtin_popcount(i8_bits(steep & (geometry == -1)));
+        wrong += __builtin_popcount(
+            i8_bits(steep & meant & (geometry != -1) & ((geometry == 0) != first)));
+    }
+    if (lost > 0 || wrong > 1500)
+        fail_msg("of 160000 rays %d went between two slivers, %d hit the farther", lost, wrong);
+    kernel_close(ks);
+    scene_free(scene);
+}
+
+/* Ever flatter rays from one point reach a plane ever farther away, to the last */
+static void grazing_rays_hit_a_plane_in_order(void **state) /* H4 */
+{
+    (void)state;
+    struct scene *scene = scenes_begin(1, 1);
+    uint32_t white = scenes_diffuse(scene, 0.5f);
+    static const float plane[4][3] = {
+        { -2e6f, 0, -2e6f }, { -2e6f, 0, 2e6f }, { 2e6f, 0, 2e6f }, { 2e6f, 0, -2e6f }
+    };
+    scenes_polygon(scene, plane, 4, white, 0);
+    scenes_finish(scene);
+    struct kernel_scene *ks = scenes_open(scene, (struct picture_how){ 0 });
+    float before = 0;
+    for (int i = 0; i < 500; i++) {
+        struct vec3x8 d, o = vec3x8_all(0.1f, 1, 0.2f);
+        for (int lane = 0; lane < LANES; lane++) {
+            double cosine = pow(10, -6 * (i * LANES + lane) / 3999.0);
+            d.x[lane] = (float)(0.6 * sqrt(1 - cosine * cosine));
+            d.y[lane] = (float)-cosine;
+            d.z[lane] = (float)(0.8 * sqrt(1 - cosine * cosine));
+        }
+        i8 geometry, prim;
+        f8 t;
+        i8 hit = intersect(ks, o, d, &geometry, &prim, &t);
+        assert_int_equal(i8_bits(hit), 255);
+        struct surface8 s = surface(ks, hit, geometry, prim, &o, &d, t);
+        for (int lane = 0; lane < LANES; lane++) {
+            float far = sqrtf(s.p.x[lane] * s.p.x[lane] + s.p.z[lane] * s.p.z[lane]);
+            EXPECT_NEAR(s.p.y[lane], 0, 0);
+            if (!(far >= before * (1 - 1e-5f) - 1)) /* roundings of 4e6 */
+                fail_msg("a flatter ray hits at %g, the one before at %g", far, before);
+            before = far;
+        }
+    }
+    EXPECT_NEAR(before, 1e6, 1e4);
+    kernel_close(ks);
+    scene_free(scene);
+}
+
 /* ---- spheres and disks */
 
 static void a_far_sphere_keeps_its_digits(void **state) /* H8 */
@@ -438,6 +521,8 @@ int main(void)
         cmocka_unit_test(a_closed_mesh_lets_no_ray_out),
         cmocka_unit_test(the_length_of_a_direction_does_not_move_the_hit),
         cmocka_unit_test(slivers_have_unit_normals_and_degenerate_triangles_none_that_are_nan),
+        cmocka_unit_test(slivers_leave_no_gap_to_their_neighbours),
+        cmocka_unit_test(grazing_rays_hit_a_plane_in_order),
         cmocka_unit_test(a_far_sphere_keeps_its_digits),
         cmocka_unit_test(rays_that_leave_a_sphere_do_not_meet_it_again),
         cmocka_unit_test(tangents_and_insides_have_as_many_roots_as_they_should),
