@@ -5,12 +5,23 @@
 #include <stdio.h>
 #include <string.h>
 
+static uint32_t roughness_effects(const struct material *material)
+{
+    const float *alpha = material->alpha, *base = material->base_alpha;
+    const uint32_t *texture = material->texture;
+    uint32_t mask = 0;
+    if (alpha[0] >= ALPHA_SMOOTH || alpha[1] >= ALPHA_SMOOTH || texture[SLOT_ROUGHNESS_U] != 0 ||
+        texture[SLOT_ROUGHNESS_V] != 0 || base[0] >= ALPHA_SMOOTH || base[1] >= ALPHA_SMOOTH)
+        mask |= FX_ROUGH;
+    if (alpha[0] != alpha[1] || base[0] != base[1] ||
+        texture[SLOT_ROUGHNESS_U] != texture[SLOT_ROUGHNESS_V])
+        mask |= FX_ANISOTROPIC;
+    return mask;
+}
+
 static uint32_t material_effects(const struct material *material)
 {
     uint32_t mask = 0;
-    bool rough = material->alpha[0] >= ALPHA_SMOOTH || material->alpha[1] >= ALPHA_SMOOTH ||
-                 material->texture[SLOT_ROUGHNESS_U] != 0 ||
-                 material->texture[SLOT_ROUGHNESS_V] != 0;
     for (int slot = 0; slot < MATERIAL_SLOTS; slot++)
         if (material->texture[slot] != 0)
             mask |= slot == SLOT_NORMAL || slot == SLOT_BUMP ? FX_TEXTURE | FX_BUMP : FX_TEXTURE;
@@ -18,11 +29,16 @@ static uint32_t material_effects(const struct material *material)
     case MATERIAL_MIXTURE:
         return mask | FX_MIXTURE;
     case MATERIAL_CONDUCTOR:
-        return mask | FX_CONDUCTOR | (rough ? FX_ROUGH : 0);
+        return mask | FX_CONDUCTOR | roughness_effects(material);
     case MATERIAL_DIELECTRIC:
-        return mask | FX_DIELECTRIC | (rough ? FX_ROUGH : 0);
+        return mask | FX_DIELECTRIC | roughness_effects(material);
     case MATERIAL_COAT:
-        return mask | FX_COAT | (rough ? FX_ROUGH : 0);
+        return mask | FX_COAT | roughness_effects(material);
+    case MATERIAL_COATED_CONDUCTOR:
+        return mask | FX_COATED_CONDUCTOR | roughness_effects(material);
+    case MATERIAL_THIN_DIELECTRIC:
+    case MATERIAL_DIFFUSE_TRANSMISSION:
+        return mask | FX_THIN;
     case MATERIAL_MIX:
         return mask | FX_MIX;
     default:

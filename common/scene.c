@@ -218,17 +218,24 @@ static bool check_material(const struct scene *scene, uint32_t index, struct err
         if (material->texture[slot] > scene->texture_count)
             return err_set(err, ERR_SCENE, "material %u: no texture %u", index,
                            material->texture[slot]);
-    const float others[] = { material->ior,         material->alpha[0],   material->alpha[1],
-                             material->mix_amount,  material->coat_inner, material->coat_scale,
-                             material->normal_scale };
+    const float others[] = { material->ior,          material->alpha[0],
+                             material->alpha[1],     material->mix_amount,
+                             material->coat_inner,   material->coat_scale,
+                             material->normal_scale, material->base_alpha[0],
+                             material->base_alpha[1] };
     if (!all_finite(material->reflectance, 3) || !all_finite(material->specular, 3) ||
-        !all_finite(material->eta, 3) || !all_finite(material->k, 3) || !all_finite(others, 7))
+        !all_finite(material->eta, 3) || !all_finite(material->k, 3) || !all_finite(others, 9))
         return err_set(err, ERR_SCENE, "material %u has a number that is not finite", index);
-    if ((material->kind == MATERIAL_DIELECTRIC || material->kind == MATERIAL_COAT) &&
-        !(material->ior > 0))
+    uint32_t kind = material->kind;
+    bool coat = kind == MATERIAL_COAT || kind == MATERIAL_COATED_CONDUCTOR;
+    bool glass = kind == MATERIAL_DIELECTRIC || kind == MATERIAL_THIN_DIELECTRIC;
+    if ((coat || glass) && !(material->ior > 0))
         return err_set(err, ERR_SCENE, "material %u: an index of refraction of %g", index,
                        material->ior);
-    if (material->kind == MATERIAL_COAT && material->coat_table >= scene->coat_table_count)
+    uint64_t rows = kind == MATERIAL_COATED_CONDUCTOR ? COAT_METAL_ROWS : 1;
+    if (material->flags & MATERIAL_COATS)
+        rows = rows * COAT_ALPHAS + 1;
+    if (coat && material->coat_table + rows > scene->coat_table_count)
         return err_set(err, ERR_SCENE, "material %u: no coat table %u", index,
                        material->coat_table);
     /* Earlier materials only, so that no mix can contain itself */

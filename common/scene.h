@@ -22,7 +22,8 @@ struct err;
 
 #define SCENE_NONE     UINT32_MAX
 #define POLYGON_MAX    8  /* corners of one polygon light; larger polygons become several lights */
-#define COAT_TABLE_LEN 64 /* entries of one coat's transmittance table */
+#define COAT_TABLE_LEN 64 /* entries of one row of a coat's tables */
+#define COAT_ALPHAS    8  /* widths that a coat of textured roughness is tabulated for */
 
 enum camera_kind { CAMERA_PERSPECTIVE = 0, CAMERA_ORTHOGRAPHIC = 1 };
 
@@ -207,6 +208,9 @@ enum material_kind {
     MATERIAL_DIELECTRIC = 3, /* ior; alpha */
     MATERIAL_COAT = 4,       /* dielectric coat (ior, alpha, table) over diffuse reflectance */
     MATERIAL_MIX = 5, /* mix[0] with probability 1 - amount, mix[1] with probability amount */
+    MATERIAL_THIN_DIELECTRIC = 6,      /* ior: a pane, both of its faces at once; smooth */
+    MATERIAL_DIFFUSE_TRANSMISSION = 7, /* reflectance on wo's side, specular on the other */
+    MATERIAL_COATED_CONDUCTOR = 8, /* coat (ior, alpha, table) over metal (eta, k, base_alpha) */
     MATERIAL_KINDS
 };
 
@@ -222,6 +226,11 @@ enum material_kind {
  * coat_tables[coat_table * COAT_TABLE_LEN + i] = T(mu) at mu = (i / (COAT_TABLE_LEN - 1))^2;
  * between them linear in sqrt(mu). Both sides of the surface are coated. With two alphas the table
  * is that of their mean.
+ *
+ * Over a conductor there are three rows in place of one, enum coat_row, and its lobes are those of
+ * master/coat.h. With MATERIAL_COATS the rows come COAT_ALPHAS times, for a coat of
+ * alpha = (j / (COAT_ALPHAS - 1))^2 each (between them linear in sqrt(alpha), above 1 as at 1), and
+ * behind them all is one row more: coat_inner of each alpha, then coat_scale of each.
  */
 #define ALPHA_SMOOTH 1e-3f
 
@@ -246,6 +255,17 @@ enum material_flag {
     MATERIAL_REMAP = 1, /* a texture's roughness r means alpha = sqrt(r) */
     MATERIAL_METAL = 2, /* conductor: SLOT_REFLECTANCE gives eta = 1 and k as for "reflectance" */
     MATERIAL_NORMAL_SCALED = 4, /* the normal map's x and y are multiplied by normal_scale */
+    MATERIAL_TINTED = 8,        /* dielectric, thin or not: what is transmitted takes the colour
+                                   specular, at each crossing of the surface */
+    MATERIAL_COATS = 16,        /* one set of coat rows for each of COAT_ALPHAS widths */
+};
+
+/* Rows of a coat over a conductor, all over the cosine mu outside */
+enum coat_row {
+    COAT_ENTER = 0,  /* what arrives at the conductor, T */
+    COAT_RETURN = 1, /* what the interface sends back of light leaving towards mu, R */
+    COAT_SPREAD = 2, /* what comes out in no particular direction, M */
+    COAT_METAL_ROWS
 };
 struct material {
     uint32_t kind, flags;
@@ -256,6 +276,7 @@ struct material {
     float eta[3], k[3];
     float ior; /* inside over outside */
     float alpha[2];
+    float base_alpha[2]; /* GGX widths of the conductor below a coat */
     uint32_t mix[2];
     float mix_amount;
     uint32_t coat_table;

@@ -19,14 +19,14 @@ static const struct pbrt_name kinds[] = {
     { "dielectric", MATERIAL_DIELECTRIC, NAME_OURS, NULL },
     { "coateddiffuse", MATERIAL_COAT, NAME_OURS, NULL },
     { "mix", MATERIAL_MIX, NAME_OURS, NULL },
-    { "coatedconductor", 0, NAME_LATER, NULL },
-    { "diffusetransmission", 0, NAME_LATER, NULL },
+    { "coatedconductor", MATERIAL_COATED_CONDUCTOR, NAME_OURS, NULL },
+    { "diffusetransmission", MATERIAL_DIFFUSE_TRANSMISSION, NAME_OURS, NULL },
+    { "thindielectric", MATERIAL_THIN_DIELECTRIC, NAME_OURS, NULL },
+    { "interface", MATERIAL_KINDS, NAME_OURS, NULL },
+    { "", MATERIAL_KINDS, NAME_OURS, NULL },
     { "hair", 0, NAME_LATER, NULL },
-    { "interface", 0, NAME_LATER, NULL },
-    { "", 0, NAME_LATER, NULL },
     { "measured", 0, NAME_LATER, NULL },
     { "subsurface", 0, NAME_LATER, NULL },
-    { "thindielectric", 0, NAME_LATER, NULL },
     { "disney", 0, NAME_OLD, "pbrt-v4 has no such material" },
     { "fourier", 0, NAME_OLD, "in pbrt-v4 there is \"measured\"" },
     { "glass", 0, NAME_OLD, "in pbrt-v4 it is \"dielectric\"" },
@@ -57,10 +57,10 @@ struct pbrt_material_name {
 };
 
 struct pbrt_coat {
-    float alpha, ior;
+    struct material material; /* what the tables depend on, all else zero */
     double thickness;
-    struct coat coat;
-    uint32_t table; /* index among the scene's */
+    float inner, scale;
+    uint32_t table; /* first row among the scene's */
 };
 
 /* --- Parameters --------------------------------------------------------------------------- */
@@ -80,11 +80,17 @@ static void read_reflectance(struct pbrt_params *params, const char *name, doubl
 }
 
 /* GGX widths: pbrt's remapping is a square root, and small roughness is none */
-static void read_roughness(struct pbrt_params *params, float alpha[2])
+static const char *const roughness_names[3] = { "roughness", "uroughness", "vroughness" };
+static const char *const interface_names[3] = { "interface.roughness", "interface.uroughness",
+                                                "interface.vroughness" };
+static const char *const conductor_names[3] = { "conductor.roughness", "conductor.uroughness",
+                                                "conductor.vroughness" };
+
+static void read_roughness(struct pbrt_params *params, const char *const names[3], float alpha[2])
 {
-    double both = pbrt_params_float(params, "roughness", 0);
-    double axes[2] = { pbrt_params_float(params, "uroughness", both),
-                       pbrt_params_float(params, "vroughness", both) };
+    double both = pbrt_params_float(params, names[0], 0);
+    double axes[2] = { pbrt_params_float(params, names[1], both),
+                       pbrt_params_float(params, names[2], both) };
     bool remap = pbrt_params_bool(params, "remaproughness", true);
     for (int i = 0; i < 2; i++) {
         if (!(axes[i] >= 0 && axes[i] <= 100)) {
@@ -99,25 +105,26 @@ static void read_roughness(struct pbrt_params *params, float alpha[2])
 }
 
 /* An index of refraction: a number, or a spectrum's mean */
-static float read_ior(struct pbrt_params *params)
+static float read_ior(struct pbrt_params *params, const char *name)
 {
     double rgb[3] = { 1.5, 1.5, 1.5 };
-    if (pbrt_color(params, "eta", COLOR_INDEX, rgb) && (rgb[0] != rgb[1] || rgb[1] != rgb[2]))
+    if (pbrt_color(params, name, COLOR_INDEX, rgb) && (rgb[0] != rgb[1] || rgb[1] != rgb[2]))
         pbrt_report_note(params->reader, &params->pos,
                          "one index of refraction is used for all colours");
     double ior = (rgb[0] + rgb[1] + rgb[2]) / 3;
     if (!params->failed && !(ior >= 0.1 && ior <= 10))
-        pbrt_params_fail(params, pbrt_params_find(params, "eta"),
+        pbrt_params_fail(params, pbrt_params_find(params, name),
                          "an index of refraction of %g is outside .1 to 10", ior);
     return (float)ior;
 }
 
-static void read_conductor(struct pbrt_params *params, struct material *material)
+static void read_metal(struct pbrt_params *params, const char *eta_name, const char *k_name,
+                       struct material *material)
 {
     double reflectance[3], eta[3], k[3];
     bool has_reflectance = pbrt_color(params, "reflectance", COLOR_REFLECTANCE, reflectance);
-    bool has_eta = pbrt_color(params, "eta", COLOR_INDEX, eta);
-    bool has_k = pbrt_color(params, "k", COLOR_INDEX, k);
+    bool has_eta = pbrt_color(params, eta_name, COLOR_INDEX, eta);
+    bool has_k = pbrt_color(params, k_name, COLOR_INDEX, k);
     if (has_reflectance && (has_eta || has_k)) {
         pbrt_params_fail(params, pbrt_params_find(params, "reflectance"),
                          "a conductor has either reflectance or eta and k");
@@ -137,18 +144,14 @@ static void read_conductor(struct pbrt_params *params, struct material *material
             material->k[c] = (float)(has_k ? k[c] : copper_k[c]);
         }
         if (!params->failed && !(material->eta[c] > 0))
-            pbrt_params_fail(params, pbrt_params_find(params, "eta"), "a conductor's eta of %g",
+            pbrt_params_fail(params, pbrt_params_find(params, eta_name), "a conductor's eta of %g",
                              material->eta[c]);
     }
-    read_roughness(params, material->alpha);
 }
 
-static void read_coat(struct pbrt_params *params, struct pbrt_material *definition)
+/* What both coats have between interface and base */
+static void read_layer(struct pbrt_params *params, struct pbrt_material *definition)
 {
-    struct material *material = &definition->material;
-    read_reflectance(params, "reflectance", 0.5, material->reflectance);
-    read_roughness(params, material->alpha);
-    material->ior = read_ior(params);
     definition->coat_thickness = pbrt_params_float(params, "thickness", 0.01);
     if (!(definition->coat_thickness >= 0 && definition->coat_thickness < 1e6))
         pbrt_params_fail(params, pbrt_params_find(params, "thickness"), "a thickness of %g",
@@ -161,6 +164,45 @@ static void read_coat(struct pbrt_params *params, struct pbrt_material *definiti
     pbrt_params_float(params, "g", 0); /* of that medium */
     pbrt_params_ignore(params, "maxdepth");
     pbrt_params_ignore(params, "nsamples"); /* of a walk that we do not take */
+}
+
+static void read_coat(struct pbrt_params *params, struct pbrt_material *definition)
+{
+    struct material *material = &definition->material;
+    read_reflectance(params, "reflectance", 0.5, material->reflectance);
+    read_roughness(params, roughness_names, material->alpha);
+    material->ior = read_ior(params, "eta");
+    read_layer(params, definition);
+}
+
+static void read_coated_conductor(struct pbrt_params *params, struct pbrt_material *definition)
+{
+    struct material *material = &definition->material;
+    read_metal(params, "conductor.eta", "conductor.k", material);
+    read_roughness(params, interface_names, material->alpha);
+    read_roughness(params, conductor_names, material->base_alpha);
+    material->ior = read_ior(params, "interface.eta");
+    read_layer(params, definition);
+}
+
+/* Reflectance and transmittance, both times "scale"; pbrt lets their sum exceed one, and so do we,
+ * but not without a word */
+static void read_sheet(struct pbrt_params *params, struct material *material)
+{
+    read_reflectance(params, "reflectance", 0.25, material->reflectance);
+    read_reflectance(params, "transmittance", 0.25, material->specular);
+    double scale = pbrt_params_float(params, "scale", 1);
+    if (!(scale >= 0 && scale <= 1e6))
+        pbrt_params_fail(params, pbrt_params_find(params, "scale"), "a scale of %g", scale);
+    float most = 0;
+    for (int c = 0; c < 3; c++) {
+        material->reflectance[c] = (float)fmin(scale * (double)material->reflectance[c], 1);
+        material->specular[c] = (float)fmin(scale * (double)material->specular[c], 1);
+        most = fmaxf(most, material->reflectance[c] + material->specular[c]);
+    }
+    if (most > 1 + 1e-6f)
+        pbrt_report_note(params->reader, &params->pos,
+                         "reflectance + transmittance is %g: more than is received", (double)most);
 }
 
 static void read_mix(struct pbrt_params *params, struct pbrt_material *definition)
@@ -208,14 +250,26 @@ static void read_material(struct pbrt_params *params, struct pbrt_material *defi
                                  material->reflectance[c] + material->specular[c]);
         break;
     case MATERIAL_CONDUCTOR:
-        read_conductor(params, material);
+        read_metal(params, "eta", "k", material);
+        read_roughness(params, roughness_names, material->alpha);
         break;
     case MATERIAL_DIELECTRIC:
-        material->ior = read_ior(params);
-        read_roughness(params, material->alpha);
+        material->ior = read_ior(params, "eta");
+        read_roughness(params, roughness_names, material->alpha);
         break;
     case MATERIAL_COAT:
         read_coat(params, definition);
+        break;
+    case MATERIAL_COATED_CONDUCTOR:
+        read_coated_conductor(params, definition);
+        break;
+    case MATERIAL_THIN_DIELECTRIC:
+        material->ior = read_ior(params, "eta");
+        break;
+    case MATERIAL_DIFFUSE_TRANSMISSION:
+        read_sheet(params, material);
+        break;
+    case MATERIAL_KINDS: /* an interface: nothing to read */
         break;
     default:
         read_mix(params, definition);
@@ -347,31 +401,88 @@ bool pbrt_materials_use(struct pbrt_reader *reader, const struct pbrt_token *nam
 
 /* --- Into the scene ----------------------------------------------------------------------- */
 
-/* The table of a coat, computed once for equal coats */
+/* Tables of a coat of one alpha, `rows` of them, with the two numbers that belong to them */
+static void tabulate(const struct material *material, double alpha, double thickness, float *rows,
+                     float *inner, float *scale)
+{
+    double ior = (double)material->ior;
+    if (material->kind == MATERIAL_COAT) {
+        struct coat coat;
+        coat_tabulate(alpha, ior, thickness, &coat);
+        memcpy(rows, coat.table, sizeof(coat.table));
+        *inner = coat.inner;
+        *scale = coat.scale;
+    } else {
+        struct coat_metal coat;
+        double base_alpha = (double)(material->base_alpha[0] + material->base_alpha[1]) / 2;
+        coat_metal_tabulate(alpha, base_alpha, ior, thickness, &coat);
+        memcpy(rows, coat.rows, sizeof(coat.rows));
+        *inner = coat.inner;
+        *scale = coat.scale;
+    }
+}
+
+/* The rows of a coat as struct material wants them; NULL when memory runs out */
+static float *add_coat_rows(struct growing *tables, struct pbrt_coat *coat)
+{
+    const struct material *material = &coat->material;
+    size_t rows = material->kind == MATERIAL_COAT ? 1 : COAT_METAL_ROWS;
+    bool many = material->flags & MATERIAL_COATS;
+    coat->table = (uint32_t)tables->count;
+    float *table = growing_add(tables, many ? rows * COAT_ALPHAS + 1 : rows,
+                               COAT_TABLE_LEN * sizeof(float));
+    if (table == NULL)
+        return NULL;
+    if (!many) {
+        double alpha = (double)((material->alpha[0] + material->alpha[1]) / 2);
+        tabulate(material, alpha, coat->thickness, table, &coat->inner, &coat->scale);
+        return table;
+    }
+    float *last = table + rows * COAT_ALPHAS * COAT_TABLE_LEN;
+    memset(last, 0, COAT_TABLE_LEN * sizeof(float));
+    for (int j = 0; j < COAT_ALPHAS; j++) {
+        double root = (double)j / (COAT_ALPHAS - 1);
+        tabulate(material, root * root, coat->thickness, table + (size_t)j * rows * COAT_TABLE_LEN,
+                 last + j, last + COAT_ALPHAS + j);
+    }
+    coat->inner = last[0];
+    coat->scale = last[COAT_ALPHAS];
+    return table;
+}
+
+static bool same_coat(const struct pbrt_coat *a, const struct pbrt_coat *b)
+{
+    const struct material *x = &a->material, *y = &b->material;
+    return x->kind == y->kind && x->flags == y->flags && x->ior == y->ior &&
+           a->thickness == b->thickness && x->alpha[0] + x->alpha[1] == y->alpha[0] + y->alpha[1] &&
+           x->base_alpha[0] + x->base_alpha[1] == y->base_alpha[0] + y->base_alpha[1];
+}
+
+/* The tables of a coat, computed once for equal coats */
 static bool resolve_coat(struct pbrt_reader *reader, struct material *material, double thickness)
 {
-    float alpha = (material->alpha[0] + material->alpha[1]) / 2;
+    if (material->texture[SLOT_ROUGHNESS_U] != 0 || material->texture[SLOT_ROUGHNESS_V] != 0)
+        material->flags |= MATERIAL_COATS;
+    struct pbrt_coat wanted = { .material = { .kind = material->kind,
+                                              .flags = material->flags & MATERIAL_COATS,
+                                              .ior = material->ior },
+                                .thickness = thickness };
+    memcpy(wanted.material.base_alpha, material->base_alpha, sizeof(material->base_alpha));
+    if (!(material->flags & MATERIAL_COATS))
+        memcpy(wanted.material.alpha, material->alpha, sizeof(material->alpha));
     struct pbrt_coat *coats = reader->materials.coats.data, *coat = NULL;
     for (size_t i = 0; i < reader->materials.coats.count && coat == NULL; i++)
-        if (coats[i].alpha == alpha && coats[i].ior == material->ior &&
-            coats[i].thickness == thickness)
+        if (same_coat(&coats[i], &wanted))
             coat = &coats[i];
     if (coat == NULL) {
-        struct growing *tables = &reader->build->coat_tables;
         coat = growing_add(&reader->materials.coats, 1, sizeof(*coat));
-        float *table = growing_add(tables, 1, COAT_TABLE_LEN * sizeof(float));
-        if (coat == NULL || table == NULL)
+        if (coat == NULL || add_coat_rows(&reader->build->coat_tables, &wanted) == NULL)
             return pbrt_report_no_memory(reader);
-        *coat = (struct pbrt_coat){ .alpha = alpha,
-                                    .ior = material->ior,
-                                    .thickness = thickness,
-                                    .table = (uint32_t)(tables->count - 1) };
-        coat_tabulate(alpha, material->ior, thickness, &coat->coat);
-        memcpy(table, coat->coat.table, sizeof(coat->coat.table));
+        *coat = wanted;
     }
     material->coat_table = coat->table;
-    material->coat_inner = coat->coat.inner;
-    material->coat_scale = coat->coat.scale;
+    material->coat_inner = coat->inner;
+    material->coat_scale = coat->scale;
     return true;
 }
 
@@ -387,9 +498,16 @@ static bool resolve(struct pbrt_reader *reader, uint32_t index, int depth, uint3
         return pbrt_report_error(reader, &definition->pos, "%s",
                                  definition->busy ? "this mix contains itself"
                                                   : "too many mixes inside each other");
+    if (definition->material.kind == MATERIAL_KINDS) {
+        if (depth > 0)
+            return pbrt_report_error(reader, &definition->pos,
+                                     "an interface is not there, and cannot be part of a mix");
+        *in_scene = SCENE_NONE;
+        return true;
+    }
     definition->busy = true;
     struct material material = definition->material;
-    if (material.kind == MATERIAL_COAT &&
+    if ((material.kind == MATERIAL_COAT || material.kind == MATERIAL_COATED_CONDUCTOR) &&
         !resolve_coat(reader, &material, definition->coat_thickness))
         return false;
     for (int i = 0; material.kind == MATERIAL_MIX && i < 2; i++) {

@@ -33,7 +33,8 @@ bool pbrt_materials_set(struct pbrt_reader *reader, const struct pbrt_token *typ
 bool pbrt_materials_define(struct pbrt_reader *reader, const struct pbrt_token *name);
 bool pbrt_materials_use(struct pbrt_reader *reader, const struct pbrt_token *name);
 
-/* The current one, as an index among the scene's materials. */
+/* The current one, as an index among the scene's materials; SCENE_NONE: an interface, which is not
+ * there. */
 bool pbrt_materials_resolve(struct pbrt_reader *reader, uint32_t *in_scene);
 
 #endif

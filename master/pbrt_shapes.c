@@ -33,7 +33,13 @@ static bool place_here(struct pbrt_reader *reader, const struct source_pos *pos,
                                    .reverse_orientation = reader->state.reverse_orientation,
                                    .emitter = reader->state.emitter,
                                    .pos = *pos };
-    return pbrt_materials_resolve(reader, &place->material);
+    if (!pbrt_materials_resolve(reader, &place->material))
+        return false;
+    if (place->material == SCENE_NONE && place->emitter != SCENE_NONE) {
+        pbrt_report_note(reader, pos, "a shape that is an interface gives no light, as in pbrt");
+        place->emitter = SCENE_NONE;
+    }
+    return true;
 }
 
 /* "alpha" cuts holes; only a whole surface is possible so far */

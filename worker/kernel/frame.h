@@ -26,6 +26,23 @@ LANE_FN struct frame8 frame_around(struct vec3x8 n)
     return frame;
 }
 
+/* In the lanes of `turned`, the same frame turned about its normal until s lies along dpdu; where
+ * dpdu has no direction across the normal nothing turns */
+LANE_FN struct frame8 frame_turned(i8 turned, const struct frame8 *frame, struct vec3x8 dpdu)
+{
+    struct vec3x8 n = frame->n;
+    dpdu = vec3x8_unit(dpdu);
+    struct vec3x8 s = vec3x8_along(dpdu, n, -vec3x8_dot(dpdu, n));
+    turned &= vec3x8_length2(s) > 1e-10f;
+    s = vec3x8_unit(s);
+    s = vec3x8_unit(vec3x8_along(s, n, -vec3x8_dot(s, n))); /* what cancelled above, once more */
+    struct frame8 out;
+    out.s = vec3x8_select(turned, s, frame->s);
+    out.t = vec3x8_select(turned, vec3x8_cross(n, s), frame->t);
+    out.n = n;
+    return out;
+}
+
 LANE_FN struct vec3x8 frame_to_local(const struct frame8 *frame, struct vec3x8 v)
 {
     return (struct vec3x8){ vec3x8_dot(v, frame->s), vec3x8_dot(v, frame->t),

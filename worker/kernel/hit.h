@@ -12,11 +12,13 @@
 
 struct surface8 {
     struct vec3x8 p;
-    struct vec3x8 ng; /* geometric normal, unit, on the side the file gives */
-    struct vec3x8 ns; /* shading normal, unit; ng where there is no other */
-    f8 spawn;         /* how far rays start from p along the normal */
-    i8 material;      /* valid for every lane */
-    i8 light;         /* light it emits as, or -1 */
+    struct vec3x8 ng;   /* geometric normal, unit, on the side the file gives */
+    struct vec3x8 ns;   /* shading normal, unit; ng where there is no other */
+    f8 spawn;           /* how far rays start from p along the normal */
+    i8 material;        /* valid for every lane */
+    i8 light;           /* light it emits as, or -1 */
+    struct vec3x8 dpdu; /* with FX_ANISOTROPIC: along increasing u of the texture coordinates; zero
+                           where they have no direction */
 };
 
 LANE_FN f8 vec3x8_max_abs(struct vec3x8 a)
@@ -55,6 +57,26 @@ LANE_FN struct hit_corners8 hit_corners(const struct kernel_scene *ks, unsigned 
         corners.c = i8_gather(scene->triangles + 2, index);
     }
     return corners;
+}
+
+/* dp/du of triangles with edges e1 and e2; without coordinates they are (0,0), (1,0), (1,1) */
+LANE_FN struct vec3x8 hit_triangle_dpdu(const struct scene *scene, i8 flags,
+                                        const struct hit_corners8 *at, struct vec3x8 e1,
+                                        struct vec3x8 e2)
+{
+    i8 mapped = (flags & MESH_UVS) != 0;
+    if (!i8_any(mapped))
+        return e1;
+    i8 shift = GATHER_I(scene->meshes, struct mesh, uv_shift, at->mesh);
+    i8 a = ((at->a + shift) & mapped) * 2, b = ((at->b + shift) & mapped) * 2,
+       c = ((at->c + shift) & mapped) * 2;
+    f8 u = f8_gather(scene->uvs, a), v = f8_gather(scene->uvs + 1, a);
+    f8 du1 = f8_gather(scene->uvs, b) - u, dv1 = f8_gather(scene->uvs + 1, b) - v;
+    f8 du2 = f8_gather(scene->uvs, c) - u, dv2 = f8_gather(scene->uvs + 1, c) - v;
+    f8 det = du1 * dv2 - dv1 * du2;
+    struct vec3x8 dpdu = vec3x8_along(vec3x8_scale(e1, dv2), e2, -dv1);
+    dpdu = vec3x8_scale(dpdu, f8_select(det != 0, 1 / det, F8(0)));
+    return vec3x8_select(mapped, dpdu, e1);
 }
 
 /* The surface at triangles hit by rays from o along d */
@@ -102,6 +124,9 @@ LANE_FN void hit_triangle(const struct scene *scene, unsigned fx, const struct h
         }
     }
 
+    if (fx & FX_ANISOTROPIC)
+        s->dpdu = hit_triangle_dpdu(scene, flags, at, e1, e2);
+
     s->material = GATHER_I(scene->meshes, struct mesh, material, mesh);
     i8 emissive = GATHER_I(scene->meshes, struct mesh, first_emissive, mesh);
     s->light = I8(-1);
@@ -113,7 +138,7 @@ LANE_FN void hit_triangle(const struct scene *scene, unsigned fx, const struct h
 }
 
 /* Quadric `prim` of the lanes in `lanes`, hit at o + t d; one at a time, as matrices differ */
-LANE_FN void hit_quadric(const struct scene *scene, i8 lanes, i8 prim, struct vec3x8 o,
+LANE_FN void hit_quadric(const struct scene *scene, unsigned fx, i8 lanes, i8 prim, struct vec3x8 o,
                          struct vec3x8 d, f8 t, struct surface8 *s)
 {
     for (unsigned todo = i8_bits(lanes); todo != 0;) {
@@ -145,6 +170,11 @@ LANE_FN void hit_quadric(const struct scene *scene, i8 lanes, i8 prim, struct ve
         f8 extent = vec3x8_max_abs(p);
         extent = f8_max(extent, vec3x8_max_abs(vec3x8_sub(p, center)));
 
+        if (fx & FX_ANISOTROPIC) { /* around the axis of object space; none at the poles */
+            struct vec3x8 around = { -local.y, local.x, F8(0) };
+            s->dpdu = vec3x8_select(same, quadric_linear(q->to_world, around), s->dpdu);
+        }
+
         s->p = vec3x8_select(same, p, s->p);
         s->ng = vec3x8_select(same, n, s->ng);
         s->ns = vec3x8_select(same, n, s->ns);
@@ -160,7 +190,8 @@ LANE_FN struct surface8 hit_surface(const struct kernel_scene *ks, unsigned fx, 
                                     struct vec3x8 d, f8 t)
 {
     struct surface8 s = {
-        vec3x8_all(0, 0, 0), vec3x8_all(0, 0, 1), vec3x8_all(0, 0, 1), F8(0), I8(0), I8(-1)
+        vec3x8_all(0, 0, 0), vec3x8_all(0, 0, 1), vec3x8_all(0, 0, 1), F8(0), I8(0), I8(-1),
+        vec3x8_all(0, 0, 0)
     };
     i8 quadric = I8(0);
     if (fx & FX_QUADRIC)
@@ -171,7 +202,7 @@ LANE_FN struct surface8 hit_surface(const struct kernel_scene *ks, unsigned fx, 
             hit_triangle(ks->scene, fx, corners, o, d, &s);
     }
     if ((fx & FX_QUADRIC) && i8_any(quadric))
-        hit_quadric(ks->scene, quadric, prim, o, d, t, &s);
+        hit_quadric(ks->scene, fx, quadric, prim, o, d, t, &s);
     return s;
 }
 

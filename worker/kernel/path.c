@@ -334,13 +334,18 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         }
 
         struct frame8 frame = frame_around(s.ns);
+        if (fx & FX_ANISOTROPIC) {
+            i8 turned = go & bsdf_anisotropic(&bsdf, fx);
+            if (i8_any(turned))
+                frame = frame_turned(turned, &frame, s.dpdu);
+        }
         struct vec3x8 wo = frame_to_local(&frame, wo_world);
         f8 wo_side = vec3x8_dot(s.ng, wo_world);
         go &= wo.z != 0;
 
         /* Light sampling */
         i8 lit = go;
-        if (fx & (FX_CONDUCTOR | FX_DIELECTRIC))
+        if (fx & (FX_CONDUCTOR | FX_DIELECTRIC | FX_THIN | FX_COATED_CONDUCTOR))
             lit &= ~bsdf_all_delta(&bsdf, fx);
         i8 state_d = I8(0);
         if (fx & FX_PATHS) {
@@ -375,7 +380,7 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
 
         /* Scatter */
         f8 lobe = F8(0);
-        if (fx & (FX_MIXTURE | FX_DIELECTRIC | FX_COAT))
+        if (fx & (FX_MIXTURE | FX_DIELECTRIC | FX_COAT | FX_THIN | FX_COATED_CONDUCTOR))
             lobe = sampler_1d(&ks->sampler, any, &path.key,
                               vertex_dimension(&path, SAMPLE_BSDF_LOBE));
         struct bsdf_sample8 bs = bsdf_sample(&bsdf, fx, TRANSPORT_RADIANCE, go, wo, lobe, scatter_u,
@@ -497,6 +502,8 @@ void JOIN(path_quadric_, intersect, KERNEL_ISA)(const struct RTCIntersectFunctio
     unsigned N = args->N;
     float *rays = (float *)args->rayhit;
     unsigned *hits = (unsigned *)args->rayhit + (size_t)RAY_ROWS * N;
+    if (q->material == SCENE_NONE)
+        return; /* an interface that is not there */
     for (unsigned first = 0; first < N; first += LANES) {
         struct callback8 c = callback_load(args->valid, rays, N, first);
         f8 t;
@@ -517,6 +524,8 @@ void JOIN(path_quadric_, occluded, KERNEL_ISA)(const struct RTCOccludedFunctionN
     const struct quadric *q = &scene->quadrics[args->primID];
     unsigned N = args->N;
     float *rays = (float *)args->ray;
+    if (q->material == SCENE_NONE)
+        return;
     for (unsigned first = 0; first < N; first += LANES) {
         struct callback8 c = callback_load(args->valid, rays, N, first);
         f8 t;
