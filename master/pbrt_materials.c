@@ -447,6 +447,10 @@ static float *add_coat_rows(struct growing *tables, struct pbrt_coat *coat)
     }
     coat->inner = last[0];
     coat->scale = last[COAT_ALPHAS];
+    for (int j = 0; j < COAT_ALPHAS; j++) { /* as it is interpolated */
+        float *scale = &last[COAT_ALPHAS + j];
+        *scale = *scale > 0 ? 1 / *scale : 0;
+    }
     return table;
 }
 

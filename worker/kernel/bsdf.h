@@ -236,8 +236,9 @@ LANE_FN struct coat_rows8 coat_rows_of(const struct bsdf8 *b, unsigned fx, int k
             i8 last = (rows.table + count * COAT_ALPHAS * COAT_TABLE_LEN + j) & many;
             f8 inner = (1 - t) * f8_gather(b->coat_tables, last) +
                        t * f8_gather(b->coat_tables + 1, last);
-            f8 scale = (1 - t) * f8_gather(b->coat_tables + COAT_ALPHAS, last) +
-                       t * f8_gather(b->coat_tables + COAT_ALPHAS + 1, last);
+            f8 inverse = (1 - t) * f8_gather(b->coat_tables + COAT_ALPHAS, last) +
+                         t * f8_gather(b->coat_tables + COAT_ALPHAS + 1, last);
+            f8 scale = f8_select(inverse > 0, 1 / inverse, F8(0));
             rows.inner = f8_select(many, inner, rows.inner);
             rows.scale = f8_select(many, scale, rows.scale);
             rows.table += many & (j * (count * COAT_TABLE_LEN));
@@ -264,7 +265,7 @@ LANE_FN f8 coat_row(const struct bsdf8 *b, unsigned fx, const struct coat_rows8 
     f8 t = x - f8_from_i8(i);
     i8 table = rows->table + row * COAT_TABLE_LEN;
     f8 value = coat_entry(b, table, i, t);
-    if ((fx & FX_TEXTURE) && i8_any(rows->next)) {
+    if ((fx & FX_TEXTURE) && i8_any(rows->next != 0)) {
         f8 other = coat_entry(b, table + rows->next, i, t), s = rows->between;
         value = f8_select(rows->next != 0, (1 - s) * value + s * other, value);
     }
