@@ -142,48 +142,51 @@ static void a_whole_scene_passes(void **state)
     scene_free(scene);
 }
 
-#define DAMAGES(X) /* what is broken, what the error says */         \
-    X(s->triangles[2] = 3, "out of range")                           \
-    X(s->positions[4] = NAN, "position is not finite")               \
-    X(s->positions[4] = INFINITY, "position is not finite")          \
-    X(s->normals[0] = NAN, "normal is not finite")                   \
-    X(s->meshes[0].triangle_count = 2, "beyond the arrays")          \
-    X(s->meshes[0].first_triangle = UINT32_MAX, "beyond the arrays") \
-    X(s->meshes[0].vertex_count = 4, "beyond the arrays")            \
-    X(s->meshes[0].material = 3, "no material")                      \
-    X(s->meshes[0].normal_shift = 1, "normals are missing")          \
-    X(s->meshes[0].uv_shift = 7, "texture coordinates are missing")  \
-    X(s->meshes[0].first_emissive = 1, "lights are missing")         \
-    X(s->settings.has_normals = 0, "says none has")                  \
-    X(s->triangle_light[0] = 3, "there is none")                     \
-    X(s->quadrics[0].kind = 2, "unknown kind")                       \
-    X(s->quadrics[0].radius = 0, "not valid")                        \
-    X(s->quadrics[0].light = 3, "no light")                          \
-    X(s->quadrics[0].light = 0, "do not know each other")            \
-    X(s->materials[0].kind = MATERIAL_KINDS, "unknown kind")         \
-    X(s->materials[0].reflectance[1] = NAN, "not finite")            \
-    X(s->materials[1].ior = 0, "index of refraction")                \
-    X(s->materials[1].coat_table = 1, "no coat table")               \
-    X(s->materials[2].mix[1] = 2, "not before it")                   \
-    X(s->lights[0].kind = LIGHT_KINDS, "unknown kind")               \
-    X(s->lights[0].corner_count = POLYGON_MAX + 1, "corners")        \
-    X(s->lights[0].first_corner = 1, "corners")                      \
-    X(s->lights[0].area = 0, "no area")                              \
-    X(s->lights[0].pick = 0, "probability")                          \
-    X(s->lights[0].pick = 0.75f, "in all")                           \
-    X(s->lights[1].quadric = 1, "do not know each other")            \
-    X(s->lights[2].radiance[0] = INFINITY, "not finite")             \
-    X(s->settings.sky_light = 1, "not a light of the sky")           \
-    X(s->settings.effects ^= FX_MIXTURE, "effect mask")              \
-    X(s->settings.width = 0, "resolution")                           \
-    X(s->settings.crop[1] = 2, "crop window")                        \
-    X(s->settings.crop[2] = 1, "crop window")                        \
-    X(s->settings.sampler = SAMPLER_COUNT, "sampler")                \
-    X(s->settings.filter.radius[0] = 0, "filter")                    \
-    X(s->settings.camera.kind = 2, "camera kind")                    \
-    X(s->settings.camera.forward[0] = NAN, "camera")                 \
-    X(s->settings.camera.lens_radius = -1, "lens radius")            \
-    X(s->settings.center[0] = NAN, "centre")                         \
+#define DAMAGES(X) /* what is broken, what the error says */             \
+    X(s->triangles[2] = 3, "out of range")                               \
+    X(s->positions[4] = NAN, "position is not finite")                   \
+    X(s->positions[4] = INFINITY, "position is not finite")              \
+    X(s->normals[0] = NAN, "normal is not finite")                       \
+    X(s->meshes[0].triangle_count = 2, "beyond the arrays")              \
+    X(s->meshes[0].first_triangle = UINT32_MAX, "beyond the arrays")     \
+    X(s->meshes[0].vertex_count = 4, "beyond the arrays")                \
+    X(s->meshes[0].material = 3, "no material")                          \
+    X(s->meshes[0].normal_shift = 1, "normals are missing")              \
+    X(s->meshes[0].uv_shift = 7, "texture coordinates are missing")      \
+    X(s->meshes[0].first_emissive = 1, "lights are missing")             \
+    X(s->settings.has_normals = 0, "says none has")                      \
+    X(s->triangle_light[0] = 3, "there is none")                         \
+    X(s->quadrics[0].kind = 2, "unknown kind")                           \
+    X(s->quadrics[0].radius = 0, "not valid")                            \
+    X(s->quadrics[0].light = 3, "no light")                              \
+    X(s->quadrics[0].light = 0, "do not know each other")                \
+    X(s->materials[0].kind = MATERIAL_KINDS, "unknown kind")             \
+    X(s->materials[0].reflectance[1] = NAN, "not finite")                \
+    X(s->materials[1].ior = 0, "index of refraction")                    \
+    X(s->materials[1].coat_table = 1, "no coat table")                   \
+    X(s->materials[1].kind = MATERIAL_COATED_CONDUCTOR, "no coat table") \
+    X(s->materials[1].flags = MATERIAL_COATS, "no coat table")           \
+    X(s->materials[1].base_alpha[1] = NAN, "not finite")                 \
+    X(s->materials[2].mix[1] = 2, "not before it")                       \
+    X(s->lights[0].kind = LIGHT_KINDS, "unknown kind")                   \
+    X(s->lights[0].corner_count = POLYGON_MAX + 1, "corners")            \
+    X(s->lights[0].first_corner = 1, "corners")                          \
+    X(s->lights[0].area = 0, "no area")                                  \
+    X(s->lights[0].pick = 0, "probability")                              \
+    X(s->lights[0].pick = 0.75f, "in all")                               \
+    X(s->lights[1].quadric = 1, "do not know each other")                \
+    X(s->lights[2].radiance[0] = INFINITY, "not finite")                 \
+    X(s->settings.sky_light = 1, "not a light of the sky")               \
+    X(s->settings.effects ^= FX_MIXTURE, "effect mask")                  \
+    X(s->settings.width = 0, "resolution")                               \
+    X(s->settings.crop[1] = 2, "crop window")                            \
+    X(s->settings.crop[2] = 1, "crop window")                            \
+    X(s->settings.sampler = SAMPLER_COUNT, "sampler")                    \
+    X(s->settings.filter.radius[0] = 0, "filter")                        \
+    X(s->settings.camera.kind = 2, "camera kind")                        \
+    X(s->settings.camera.forward[0] = NAN, "camera")                     \
+    X(s->settings.camera.lens_radius = -1, "lens radius")                \
+    X(s->settings.center[0] = NAN, "centre")                             \
     X(s->lights = NULL, "is missing")
 
 static void every_kind_of_damage_is_found(void **state)
@@ -212,7 +215,7 @@ static void each_effect_is_set_by_what_needs_it(void **state)
     struct scene *s = one_of_everything();
     assert_int_equal(scene_effects(s), FX_MESH | FX_QUADRIC | FX_SMOOTH_NORMALS | FX_COAT |
                                            FX_ROUGH | FX_MIX | FX_POLYGON_LIGHT | FX_SPHERE_LIGHT |
-                                           FX_SKY | FX_MANY_LIGHTS);
+                                           FX_SKY | FX_MANY_LIGHTS | FX_ANISOTROPIC);
     uint32_t before = scene_effects(s);
     s->settings.camera.lens_radius = 0.1f;
     assert_int_equal(scene_effects(s), before | FX_LENS);
@@ -226,7 +229,15 @@ static void each_effect_is_set_by_what_needs_it(void **state)
 
     s = one_of_everything();
     s->materials[1].alpha[0] = 0;
-    assert_int_equal(scene_effects(s), before & ~(uint32_t)FX_ROUGH);
+    assert_int_equal(scene_effects(s), before & ~(uint32_t)(FX_ROUGH | FX_ANISOTROPIC));
+    s->materials[1].kind = MATERIAL_COATED_CONDUCTOR;
+    s->materials[1].base_alpha[0] = s->materials[1].base_alpha[1] = 0.1f;
+    assert_int_equal(scene_effects(s) & (FX_COAT | FX_ROUGH | FX_COATED_CONDUCTOR | FX_ANISOTROPIC),
+                     FX_ROUGH | FX_COATED_CONDUCTOR);
+    s->materials[1].kind = MATERIAL_THIN_DIELECTRIC;
+    assert_int_equal(scene_effects(s) & (FX_ROUGH | FX_THIN), FX_THIN);
+    s->materials[1].kind = MATERIAL_DIFFUSE_TRANSMISSION;
+    assert_int_equal(scene_effects(s) & (FX_ROUGH | FX_THIN), FX_THIN);
     s->materials[0] = (struct material){ .kind = MATERIAL_CONDUCTOR, .alpha = { 0, 0.5f } };
     s->materials[2] = (struct material){ .kind = MATERIAL_DIELECTRIC };
     assert_int_equal(scene_effects(s) & (FX_MIX | FX_ROUGH | FX_CONDUCTOR | FX_DIELECTRIC),

@@ -116,6 +116,30 @@ static const struct {
         .coat_inner = 0.6f,
         .coat_scale = 0.14f },
       false },
+    { "diffuse transmission",
+      { .kind = MATERIAL_DIFFUSE_TRANSMISSION,
+        .reflectance = { 0.3f, 0.3f, 0.3f },
+        .specular = { 0.5f, 0.5f, 0.5f } },
+      false },
+    { "brushed metal under a smooth coat",
+      { .kind = MATERIAL_COATED_CONDUCTOR,
+        .ior = 1.5f,
+        .eta = { 0.2f, 0.2f, 0.2f },
+        .k = { 3.9f, 3.9f, 3.9f },
+        .base_alpha = { 0.1f, 0.4f },
+        .coat_inner = 0.6f,
+        .coat_scale = 1 },
+      true },
+    { "metal under a rough coat",
+      { .kind = MATERIAL_COATED_CONDUCTOR,
+        .ior = 1.5f,
+        .eta = { 0.2f, 0.2f, 0.2f },
+        .k = { 3.9f, 3.9f, 3.9f },
+        .alpha = { 0.3f, 0.3f },
+        .base_alpha = { 0.2f, 0.2f },
+        .coat_inner = 0.6f,
+        .coat_scale = 1 },
+      false },
     { "mix", { .kind = MATERIAL_MIX, .mix = { 0, 2 }, .mix_amount = 0.4f }, false },
 };
 enum { MATERIALS = sizeof(materials) / sizeof(materials[0]) };
@@ -132,9 +156,12 @@ static struct scene *receiver(uint32_t material)
     bool mix = materials[material].material.kind == MATERIAL_MIX;
     for (uint32_t i = 0; i < MATERIALS; i++)
         scenes_material(scene, materials[mix ? i : material].material);
-    scene->coat_table_count = 1;
-    for (int k = 0; k < COAT_TABLE_LEN; k++)
+    scene->coat_table_count = COAT_METAL_ROWS;
+    for (int k = 0; k < COAT_TABLE_LEN; k++) {
         scene->coat_tables[k] = 0.95f - 0.9f / (1 + (float)k);
+        scene->coat_tables[COAT_RETURN * COAT_TABLE_LEN + k] = 0.9f / (1 + (float)k);
+        scene->coat_tables[COAT_SPREAD * COAT_TABLE_LEN + k] = 0.3f;
+    }
     static const float speck[4][3] = {
         { -0.01f, -0.01f, 0 }, { 0.01f, -0.01f, 0 }, { 0.01f, 0.01f, 0 }, { -0.01f, 0.01f, 0 }
     };
@@ -320,7 +347,8 @@ static void light_edge_on_from_behind_or_below_is_none_by_any_technique(void **s
     };
     for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++)
         for (uint32_t m = 0; m < MATERIALS; m++) {
-            if (materials[m].material.kind == MATERIAL_DIELECTRIC)
+            if (materials[m].material.kind == MATERIAL_DIELECTRIC ||
+                materials[m].material.kind == MATERIAL_DIFFUSE_TRANSMISSION)
                 continue; /* light from below shines through */
             struct scene *scene = receiver(m);
             scenes_quad(scene, cases[i], scenes_diffuse(scene, 0), 1);
@@ -345,6 +373,8 @@ static void a_mirror_leaves_nothing_to_light_sampling(void **state)
     const struct material mirrors[] = {
         { .kind = MATERIAL_CONDUCTOR, .eta = { 0.2f, 0.2f, 0.2f }, .k = { 3.9f, 3.9f, 3.9f } },
         { .kind = MATERIAL_DIELECTRIC, .ior = 1.5f },
+        { .kind = MATERIAL_THIN_DIELECTRIC, .ior = 1.5f },
+        { .kind = MATERIAL_COATED_CONDUCTOR, .ior = 1.5f, .eta = { 1, 1, 1 }, .k = { 2, 2, 2 } },
     };
     for (int i = 0; i < 2; i++) {
         struct scene *scene = receiver(0);

@@ -513,6 +513,60 @@ static void tangents_and_insides_have_as_many_roots_as_they_should(void **state)
     EXPECT_NEAR(t[0], 2, 1e-6);
 }
 
+static void expect_along(struct vec3x8 got, float x, float y, float z)
+{
+    struct vec3x8 unit = vec3x8_unit(got);
+    EXPECT_NEAR(unit.x[0], x, 1e-6);
+    EXPECT_NEAR(unit.y[0], y, 1e-6);
+    EXPECT_NEAR(unit.z[0], z, 1e-6);
+}
+
+static void surfaces_know_where_u_grows(void **state)
+{
+    (void)state;
+    struct scene *scene = scenes_begin(1, 1);
+    uint32_t white = scenes_diffuse(scene, 0.5f);
+    static const float corners[3][3] = { { 0, 0, 1 }, { 2, 0, 1 }, { 0, 3, 1 } };
+    static const float uvs[3][2] = { { 0.25f, 0 }, { 0.25f, 1 }, { 0.75f, 0 } };
+    scenes_polygon(scene, corners, 3, white, 0);
+    scenes_polygon(scene, corners, 3, white, 0);
+    scene->meshes[1].flags |= MESH_UVS;
+    scene->meshes[1].uv_shift = 0u - scene->meshes[1].first_vertex;
+    memcpy(scene->uvs, uvs, sizeof(uvs));
+    scene->uv_count = 3;
+    scenes_quadric(scene, QUADRIC_SPHERE, 5, 0, 0, 1, white, 0);
+    scenes_finish(scene);
+    struct kernel_scene *ks = scenes_open(scene, (struct picture_how){ 0 });
+    struct vec3x8 o = vec3x8_all(0.5f, 0.5f, 0), d = vec3x8_all(0, 0, 1);
+    expect_along(surface(ks, I8(-1), I8(0), I8(0), &o, &d, F8(1)).dpdu, 1, 0, 0);
+    expect_along(surface(ks, I8(-1), I8(1), I8(0), &o, &d, F8(1)).dpdu, 0, 1, 0);
+    o = vec3x8_all(0, 0, 0);
+    d = vec3x8_all(1, 0, 0);
+    expect_along(surface(ks, I8(-1), I8(2), I8(0), &o, &d, F8(4)).dpdu, 0, -1, 0);
+    kernel_close(ks);
+    scene_free(scene);
+}
+
+/* A sphere and a triangle without a material are not met, and let light through */
+static void interfaces_are_not_there(void **state)
+{
+    (void)state;
+    struct scene *scene = scenes_begin(1, 1);
+    static const float corners[3][3] = { { -9, -9, 1 }, { 9, -9, 1 }, { 0, 9, 1 } };
+    scenes_polygon(scene, corners, 3, SCENE_NONE, 0);
+    scenes_quadric(scene, QUADRIC_SPHERE, 0, 0, 0, 2, SCENE_NONE, 0);
+    scenes_quadric(scene, QUADRIC_SPHERE, 0, 0, 0, 4, scenes_diffuse(scene, 0.5f), 0);
+    scenes_finish(scene);
+    struct kernel_scene *ks = scenes_open(scene, (struct picture_how){ 0 });
+    i8 geometry, prim;
+    f8 t;
+    i8 hit = intersect(ks, vec3x8_all(0, 0, 0), vec3x8_all(0, 0, 1), &geometry, &prim, &t);
+    assert_int_equal(i8_bits(hit & (prim == 1)), 255);
+    EXPECT_NEAR(t[0], 4, 1e-5);
+    kernel_close(ks);
+    scene_free(scene);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -525,6 +579,8 @@ int main(void)
         cmocka_unit_test(grazing_rays_hit_a_plane_in_order),
         cmocka_unit_test(a_far_sphere_keeps_its_digits),
         cmocka_unit_test(rays_that_leave_a_sphere_do_not_meet_it_again),
+        cmocka_unit_test(surfaces_know_where_u_grows),
+        cmocka_unit_test(interfaces_are_not_there),
         cmocka_unit_test(tangents_and_insides_have_as_many_roots_as_they_should),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -677,7 +677,6 @@ static const struct bad_row {
     { W "Material \"matte\"", "in pbrt-v4 it is \"diffuse\"", ERR_SCENE },
     { W "Material \"uber\"", "is of pbrt-v3", ERR_SCENE },
     { W "Material \"hair\"", "material \"hair\" is not supported yet", ERR_UNSUPPORTED },
-    { W "Material \"\"", "not supported yet", ERR_UNSUPPORTED },
     { W "Material \"diffuse\" \"texture reflectance\" \"t\"",
       "a texture for \"reflectance\" is not supported yet", ERR_UNSUPPORTED },
     { W "Material \"diffuse\" \"rgb reflectance\" [1 1]", "three numbers, not 2", ERR_SCENE },
