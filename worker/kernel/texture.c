@@ -35,12 +35,12 @@ struct texture_set {
     float linear[256], srgb[256]; /* what an 8-bit value means */
 };
 
-static float fminimum(float a, float b)
+static float lesser(float a, float b)
 {
     return a < b ? a : b;
 }
 
-static float fmaximum(float a, float b)
+static float greater(float a, float b)
 {
     return a > b ? a : b;
 }
@@ -416,9 +416,9 @@ static float wrap_coordinate(uint32_t wrap, float s)
         s = fabsf(fmodf(s, 2));
         return s > 1 ? 2 - s : s;
     case WRAP_CLAMP:
-        return fminimum(fmaximum(s, 0), 1);
+        return lesser(greater(s, 0), 1);
     default:
-        return fminimum(fmaximum(s, -2), 3);
+        return lesser(greater(s, -2), 3);
     }
 }
 
@@ -486,8 +486,8 @@ static void picture_at(const struct texture_set *set, const struct texture *text
     const struct level *levels = set->levels + set->first_level[texture->picture];
     float st[2] = { wrap_coordinate(texture->wrap[0], at->st[0]),
                     wrap_coordinate(texture->wrap[1], 1 - at->st[1]) };
-    float width = 2 * fmaximum(at->width[0] * (float)picture->width,
-                               at->width[1] * (float)picture->height);
+    float width = 2 * greater(at->width[0] * (float)picture->width,
+                              at->width[1] * (float)picture->height);
     uint32_t last = picture->levels - 1, l = 0;
     while (l < last && width >= 2) {
         width *= 0.5f;
@@ -566,7 +566,7 @@ static float checkerboard_at(const struct texture *texture, const struct texture
         axes_in_texture_space(texture, point, axes);
         double product = 1;
         for (int i = 0; i < 3; i++) {
-            float r = 1.5f * fmaximum(fabsf(axes[0][i]), fabsf(axes[1][i]));
+            float r = 1.5f * greater(fabsf(axes[0][i]), fabsf(axes[1][i]));
             product *= filtered_wave(q[i], r);
         }
         return (float)(0.5 - 0.5 * product);
@@ -582,7 +582,7 @@ static float footprint2(const struct texture *texture, const struct texture_poin
 {
     float axes[2][3];
     axes_in_texture_space(texture, point, axes);
-    return scale * scale * fmaximum(dot(axes[0], axes[0]), dot(axes[1], axes[1]));
+    return scale * scale * greater(dot(axes[0], axes[0]), dot(axes[1], axes[1]));
 }
 
 /* pbrt-v4's marble: a cubic spline through nine colours, which a sine of noise runs along */
@@ -603,7 +603,7 @@ static void marble_at(const struct texture *texture, const struct texture_point 
                             texture->octaves);
     double wave = elem_sin(fmod((double)(q[1] + texture->variation * noise), 2 * PI_D));
     float t = (float)(0.5 + 0.5 * wave);
-    t = t > 0 ? fminimum(t, 1) * SEGMENTS : 0; /* also where it is not a number */
+    t = t > 0 ? lesser(t, 1) * SEGMENTS : 0; /* also where it is not a number */
     int first = (int)t < SEGMENTS ? (int)t : SEGMENTS - 1;
     t -= (float)first;
     float s = 1 - t;
@@ -710,7 +710,7 @@ static void step_at(const struct texture_set *set, const struct texture *texture
     }
     if (texture->flags & TEXTURE_INVERT)
         for (int c = 0; c < 3; c++)
-            rgb[c] = fmaximum(1 - rgb[c], 0);
+            rgb[c] = greater(1 - rgb[c], 0);
 }
 
 void texture_at(const struct texture_set *set, uint32_t index, const struct texture_point *point,
