@@ -360,48 +360,61 @@ float texture_half(uint16_t bits)
     return value;
 }
 
-static float texel_channel(const struct texture_set *set, const struct scene_picture *picture,
-                           const uint8_t *texels, size_t index, bool alpha)
-{
-    switch (picture->texel) {
-    case TEXEL_U8:
-        return set->linear[texels[index]];
-    case TEXEL_U8_SRGB:
-        return alpha ? set->linear[texels[index]] : set->srgb[texels[index]];
-    case TEXEL_HALF: {
-        uint16_t bits;
-        memcpy(&bits, texels + 2 * index, sizeof(bits));
-        return texture_half(bits);
-    }
-    default: {
-        float value;
-        memcpy(&value, texels + 4 * index, sizeof(value));
-        return value;
-    }
-    }
-}
+/* What is read of every texel of a picture */
+struct channels {
+    uint32_t first, count; /* count 0: the alpha of a picture that has none, 1 */
+    const float *table;    /* what 8 bits mean */
+};
 
-/* A texel of which only what the texture asks for is decoded */
-static void texel_at(const struct texture_set *set, const struct texture *texture,
-                     const struct scene_picture *picture, const struct level *level, int32_t x,
-                     int32_t y, float rgb[3])
+static struct channels channels_of(const struct texture_set *set, const struct texture *texture,
+                                   const struct scene_picture *picture)
 {
     uint32_t channels = picture->channels;
-    size_t first = ((size_t)y * (size_t)level->width + (size_t)x) * channels;
     bool grey = channels < 3, has_alpha = channels == 2 || channels == 4;
-    if (texture->channel == SCENE_NONE && !grey) {
-        for (size_t c = 0; c < 3; c++)
-            rgb[c] = texel_channel(set, picture, level->texels, first + c, false);
-        return;
+    bool srgb = picture->texel == TEXEL_U8_SRGB && texture->channel != 3;
+    struct channels read = { .first = 0, .count = 1, .table = srgb ? set->srgb : set->linear };
+    if (texture->channel == 3) {
+        read.first = channels - 1;
+        read.count = has_alpha;
+    } else if (!grey) {
+        read.first = texture->channel == SCENE_NONE ? 0 : texture->channel;
+        read.count = texture->channel == SCENE_NONE ? 3 : 1;
     }
-    float value;
-    if (texture->channel == 3)
-        value = has_alpha ? texel_channel(set, picture, level->texels, first + channels - 1, true)
-                          : 1;
-    else
-        value = texel_channel(set, picture, level->texels,
-                              first + (grey ? 0 : (size_t)texture->channel), false);
-    rgb[0] = rgb[1] = rgb[2] = value;
+    return read;
+}
+
+static void texel_add(const struct scene_picture *picture, const struct level *level,
+                      const struct channels *read, int32_t x, int32_t y, float weight, float sum[3])
+{
+    size_t first = ((size_t)y * (size_t)level->width + (size_t)x) * picture->channels + read->first;
+    switch (picture->texel) {
+    case TEXEL_U8:
+    case TEXEL_U8_SRGB:
+        for (uint32_t c = 0; c < read->count; c++)
+            sum[c] += weight * read->table[level->texels[first + c]];
+        break;
+    case TEXEL_HALF:
+        for (uint32_t c = 0; c < read->count; c++) {
+            uint16_t bits;
+            memcpy(&bits, level->texels + 2 * (first + c), sizeof(bits));
+            sum[c] += weight * texture_half(bits);
+        }
+        break;
+    default:
+        for (uint32_t c = 0; c < read->count; c++) {
+            float value;
+            memcpy(&value, level->texels + 4 * (first + c), sizeof(value));
+            sum[c] += weight * value;
+        }
+    }
+    if (read->count == 0)
+        sum[0] += weight;
+}
+
+/* What is left of s without its whole part, with its sign; floats from 2^23 on are whole */
+static float fraction(float s)
+{
+    return fabsf(s) < 0x1p23f ? s - (float)(int32_t)s : 0;
 }
 
 /* The coordinate moved to where the texels are: [0, 1], or a little around it where wrapping is
@@ -410,10 +423,10 @@ static float wrap_coordinate(uint32_t wrap, float s)
 {
     switch (wrap) {
     case WRAP_REPEAT:
-        s = fmodf(s, 1);
+        s = fraction(s);
         return s < 0 ? s + 1 : s;
     case WRAP_MIRROR:
-        s = fabsf(fmodf(s, 2));
+        s = fabsf(2 * fraction(0.5f * s));
         return s > 1 ? 2 - s : s;
     case WRAP_CLAMP:
         return lesser(greater(s, 0), 1);
@@ -444,34 +457,33 @@ static int32_t floor_of(float x)
     return (float)i > x ? i - 1 : i;
 }
 
-static void level_at(const struct texture_set *set, const struct texture *texture,
-                     const struct scene_picture *picture, const struct level *level,
-                     const float st[2], float rgb[3])
+static void level_at(const struct texture *texture, const struct scene_picture *picture,
+                     const struct level *level, const struct channels *read, const float st[2],
+                     float sum[3])
 {
     float x = st[0] * (float)level->width, y = st[1] * (float)level->height;
-    rgb[0] = rgb[1] = rgb[2] = 0;
+    const uint32_t *wrap = texture->wrap;
+    sum[0] = sum[1] = sum[2] = 0;
     if (texture->flags & TEXTURE_NEAREST) {
-        int32_t i = wrap_texel(texture->wrap[0], floor_of(x), level->width);
-        int32_t k = wrap_texel(texture->wrap[1], floor_of(y), level->height);
+        int32_t i = wrap_texel(wrap[0], floor_of(x), level->width);
+        int32_t k = wrap_texel(wrap[1], floor_of(y), level->height);
         if (i >= 0 && k >= 0)
-            texel_at(set, texture, picture, level, i, k, rgb);
+            texel_add(picture, level, read, i, k, 1, sum);
         return;
     }
     x -= 0.5f;
     y -= 0.5f;
     int32_t x0 = floor_of(x), y0 = floor_of(y);
     float fx = x - (float)x0, fy = y - (float)y0;
-    for (int corner = 0; corner < 4; corner++) {
-        int dx = corner & 1, dy = corner >> 1;
-        float weight = (dx ? fx : 1 - fx) * (dy ? fy : 1 - fy);
-        int32_t i = wrap_texel(texture->wrap[0], x0 + dx, level->width);
-        int32_t k = wrap_texel(texture->wrap[1], y0 + dy, level->height);
-        if (i < 0 || k < 0 || weight == 0)
-            continue;
-        float texel[3];
-        texel_at(set, texture, picture, level, i, k, texel);
-        for (int c = 0; c < 3; c++)
-            rgb[c] += weight * texel[c];
+    const float share_x[2] = { 1 - fx, fx }, share_y[2] = { 1 - fy, fy };
+    for (int dy = 0; dy < 2; dy++) {
+        int32_t k = wrap_texel(wrap[1], y0 + dy, level->height);
+        for (int dx = 0; dx < 2; dx++) {
+            int32_t i = wrap_texel(wrap[0], x0 + dx, level->width);
+            float weight = share_x[dx] * share_y[dy];
+            if (i >= 0 && k >= 0 && weight != 0)
+                texel_add(picture, level, read, i, k, weight, sum);
+        }
     }
 }
 
@@ -493,13 +505,16 @@ static void picture_at(const struct texture_set *set, const struct texture *text
         width *= 0.5f;
         l++;
     }
-    level_at(set, texture, picture, levels + l, st, rgb);
+    struct channels read = channels_of(set, texture, picture);
+    level_at(texture, picture, levels + l, &read, st, rgb);
     if (l < last && width > 1 && !(texture->flags & TEXTURE_NEAREST)) {
         float share = width - 1, coarse[3];
-        level_at(set, texture, picture, levels + l + 1, st, coarse);
+        level_at(texture, picture, levels + l + 1, &read, st, coarse);
         for (int c = 0; c < 3; c++)
             rgb[c] = (1 - share) * rgb[c] + share * coarse[c];
     }
+    if (read.count < 3)
+        rgb[1] = rgb[2] = rgb[0];
 }
 
 /* ---- textures of a formula */

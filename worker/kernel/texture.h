@@ -1,7 +1,7 @@
 /*
  * Textures (struct texture, common/scene.h): their value at one point of a surface. Scalar and
  * compiled once, so both instruction sets get the same bits; only + - * /, sqrt and common/elem.h
- * decide them (and fmodf, which is exact).
+ * decide them (and floor, fmod and the like, which are exact).
  *
  * A texture and all it is made of is a list of steps, children first: evaluating it neither
  * recurses nor computes anything twice. What is made of more than TEXTURE_STEPS is refused.
