@@ -128,8 +128,8 @@ static bool lights_open(struct kernel_scene *ks, struct err *err)
 /*
  * Textures are read as wide as FOOTPRINT times a pixel at the point's distance from the camera, by
  * whatever way the path came there: one rule without state, after pbrt-v4, but fixed where pbrt
- * takes the smaller of 1 and 1 / sqrt(spp), as no pixel may change with the number of samples. At
- * a half, texels are as wide as pixels, and what they blur is less than what the pixel filter does.
+ * takes 1 / sqrt(spp) and at least 1/8, as no sample may depend on how many there are. At a half,
+ * texels are as wide as pixels, and what they blur is less than what the pixel filter does.
  */
 #define FOOTPRINT 0.5f
 
