@@ -73,8 +73,8 @@ uint32_t scene_effects(const struct scene *scene)
     if (scene->quadric_count > 0)
         mask |= FX_QUADRIC;
     for (uint32_t i = 0; i < scene->mesh_count; i++)
-        if (scene->meshes[i].flags & MESH_NORMALS)
-            mask |= FX_SMOOTH_NORMALS;
+        mask |= (scene->meshes[i].flags & MESH_NORMALS ? FX_SMOOTH_NORMALS : 0) |
+                (scene->meshes[i].alpha != 0 ? FX_TEXTURE : 0);
     if (settings->camera.lens_radius > 0)
         mask |= FX_LENS;
     if (settings->camera.kind == CAMERA_ORTHOGRAPHIC)

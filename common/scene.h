@@ -159,7 +159,8 @@ struct scene_picture {
  */
 enum texture_kind {
     TEXTURE_CONSTANT = 0, /* value[0] */
-    TEXTURE_IMAGE = 1,    /* picture, at (u, v) of the mapping; v upwards from the bottom row */
+    TEXTURE_IMAGE = 1,    /* picture, at (u, v) of the mapping, times scale; v upwards from the
+                             bottom row */
     TEXTURE_SCALE = 2,    /* child 0 times child 1 */
     TEXTURE_MIX = 3,      /* child 0 (1 - child 2) + child 1 child 2 */
     TEXTURE_CHECKERBOARD =

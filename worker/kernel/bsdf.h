@@ -54,18 +54,24 @@ struct bsdf_sample8 {
     i8 valid;
 };
 
-LANE_FN struct bsdf8 bsdf_of(const struct scene *scene, unsigned fx, i8 id)
+/* Of materials[id]: the scene's, or copies that textures have changed */
+LANE_FN struct bsdf8 bsdf_of_materials(const struct scene *scene, const struct material *materials,
+                                       unsigned fx, i8 id)
 {
     struct bsdf8 b;
-    b.materials = scene->materials;
+    b.materials = materials;
     b.coat_tables = scene->coat_tables;
     b.id = id;
     const unsigned other = FX_MIXTURE | FX_CONDUCTOR | FX_DIELECTRIC | FX_COAT | FX_MIX | FX_THIN |
                            FX_COATED_CONDUCTOR;
-    b.kind = fx & other ? GATHER_I(scene->materials, struct material, kind, id)
-                        : I8(MATERIAL_DIFFUSE);
-    b.reflectance = GATHER3(scene->materials, struct material, reflectance, id);
+    b.kind = fx & other ? GATHER_I(materials, struct material, kind, id) : I8(MATERIAL_DIFFUSE);
+    b.reflectance = GATHER3(materials, struct material, reflectance, id);
     return b;
+}
+
+LANE_FN struct bsdf8 bsdf_of(const struct scene *scene, unsigned fx, i8 id)
+{
+    return bsdf_of_materials(scene, scene->materials, fx, id);
 }
 
 /* The widths; zero in both where the surface counts as smooth, positive in both elsewhere */

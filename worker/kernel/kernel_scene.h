@@ -11,6 +11,7 @@
 #include "common/scene.h"
 #include "worker/kernel/embree.h"
 #include "worker/kernel/filter.h"
+#include "worker/kernel/textured.h"
 
 #include <stdint.h>
 
@@ -21,6 +22,7 @@
  */
 #define SPAWN_ULPS 0x1p-20f
 
+struct alpha_mesh;
 struct kernel_thread;
 struct path_stats;
 struct ray_log;
@@ -47,6 +49,12 @@ struct kernel_scene {
     int lights_sampled;   /* any light with pmf > 0 */
     float far_distance;   /* beyond everything in the scene */
 
+    /* Textures */
+    struct texture_set *textures;
+    int32_t *textured; /* of each material, enum textured_part; of a mix, of all that it mixes */
+    struct alpha_mesh *alpha_meshes; /* one per mesh; NULL when no mesh has an alpha texture */
+    float footprint_size, footprint_angle; /* width of the footprint, at and with distance */
+
     void (*leaf)(const struct kernel_scene *ks, struct kernel_thread *thread, uint32_t tile,
                  uint32_t replicate, uint64_t leaf, struct path_stats *stats);
     const char *variant; /* name of the kernel variant, as printed */
@@ -55,8 +63,10 @@ struct kernel_scene {
 /* Scratch of one render thread: the radiance of every sample of a leaf, planar r, g, b */
 struct kernel_thread {
     float *radiance;
-    uint32_t slot_count; /* capacity in samples, a multiple of 8 */
-    struct ray_log *log; /* NULL, or where the rays are recorded */
+    uint32_t slot_count;                /* capacity in samples, a multiple of 8 */
+    struct ray_log *log;                /* NULL, or where the rays are recorded */
+    struct texture_point points[LANES]; /* where lanes evaluate textures, */
+    struct material materials[LANES];   /* and what they make of the materials there */
 };
 
 /* What a leaf counts while it runs */

@@ -5,6 +5,7 @@
  */
 #include "worker/kernel/path.h"
 
+#include "common/hash.h"
 #include "common/sampler.h"
 #include "worker/kernel/camera.h"
 #include "worker/kernel/frame.h"
@@ -150,9 +151,82 @@ LANE_FN void store_finished(const struct path8 *path, unsigned finished,
     }
 }
 
+/* What tells a ray from others, for decisions that it must take the same way everywhere */
+LANE_FN u8 ray_hash(struct vec3x8 o, struct vec3x8 d)
+{
+    u8 hash = u8_hash((u8)o.x);
+    hash = u8_hash(hash ^ (u8)o.y);
+    hash = u8_hash(hash ^ (u8)o.z);
+    hash = u8_hash(hash ^ (u8)d.x);
+    hash = u8_hash(hash ^ (u8)d.y);
+    return u8_hash(hash ^ (u8)d.z);
+}
+
+/* The surface as textures see it, in the lanes of `lanes` */
+LANE_FN void texture_points(const struct kernel_scene *ks, struct kernel_thread *thread, i8 lanes,
+                            const struct surface8 *s)
+{
+    enum { FLOATS = sizeof(struct texture_point) / sizeof(float) };
+    const float *eye = ks->scene->settings.camera.position;
+    struct vec3x8 away = vec3x8_sub(s->p, vec3x8_all(eye[0], eye[1], eye[2]));
+    f8 width = ks->footprint_size + ks->footprint_angle * f8_sqrt(vec3x8_length2(away));
+    const f8 rows[FLOATS] = { s->u,        s->v,        s->p.x,      s->p.y,     s->p.z,
+                              s->ng.x,     s->ng.y,     s->ng.z,     s->dpdu.x,  s->dpdu.y,
+                              s->dpdu.z,   s->dpdv.x,   s->dpdv.y,   s->dpdv.z,  width,
+                              s->color[0], s->color[1], s->color[2], s->color[3] };
+    float values[FLOATS][LANES];
+    memcpy(values, rows, sizeof(values));
+    for (unsigned todo = i8_bits(lanes); todo != 0; todo &= todo - 1) {
+        unsigned lane = (unsigned)__builtin_ctz(todo);
+        float point[FLOATS];
+        for (int i = 0; i < FLOATS; i++)
+            point[i] = values[i][lane];
+        memcpy(&thread->points[lane], point, sizeof(point));
+    }
+}
+
+/* `amount` of the mixes `id` of the lanes in `lanes`, where it has a texture */
+LANE_FN f8 texture_amounts(const struct kernel_scene *ks, const struct kernel_thread *thread,
+                           i8 lanes, i8 id, f8 amount)
+{
+    const struct scene *scene = ks->scene;
+    lanes &= GATHER_I(scene->materials, struct material, texture[SLOT_AMOUNT], id) != 0;
+    for (unsigned todo = i8_bits(lanes); todo != 0; todo &= todo - 1) {
+        int lane = __builtin_ctz(todo);
+        amount[lane] = textured_amount(ks->textures, &thread->points[lane],
+                                       &scene->materials[id[lane]]);
+    }
+    return amount;
+}
+
+/* The materials of all lanes into thread->materials, with what textures make of those in `lanes`;
+ * and the shading normals there */
+LANE_FN void texture_materials(const struct kernel_scene *ks, struct kernel_thread *thread,
+                               unsigned fx, i8 lanes, i8 id, struct vec3x8 wo, struct surface8 *s)
+{
+    for (int lane = 0; lane < LANES; lane++) {
+        const struct material *material = &ks->scene->materials[id[lane]];
+        const struct texture_point *point = &thread->points[lane];
+        thread->materials[lane] = *material;
+        if (!lanes[lane])
+            continue;
+        int32_t parts = ks->textured[id[lane]];
+        if (parts & TEXTURED_VALUES)
+            textured_material(ks->textures, point, &thread->materials[lane]);
+        if ((fx & FX_BUMP) && (parts & TEXTURED_NORMALS)) {
+            const float to[3] = { wo.x[lane], wo.y[lane], wo.z[lane] };
+            float ns[3] = { s->ns.x[lane], s->ns.y[lane], s->ns.z[lane] };
+            textured_normal(ks->textures, point, material, to, ns);
+            s->ns.x[lane] = ns[0];
+            s->ns.y[lane] = ns[1];
+            s->ns.z[lane] = ns[2];
+        }
+    }
+}
+
 /* Which vertices see the light at the end of the segment from o along `to`, up to `to` itself */
-LANE_FN i8 unoccluded(const struct kernel_scene *ks, struct kernel_thread *thread, i8 valid,
-                      struct vec3x8 o, struct vec3x8 to)
+LANE_FN i8 unoccluded(const struct kernel_scene *ks, struct kernel_thread *thread, unsigned fx,
+                      i8 valid, struct vec3x8 o, struct vec3x8 to)
 {
     _Alignas(32) int32_t lanes[LANES];
     struct RTCRay8 ray;
@@ -168,6 +242,8 @@ LANE_FN i8 unoccluded(const struct kernel_scene *ks, struct kernel_thread *threa
     f8_store(ray.time, F8(0));
     i8_store(ray.mask, I8(-1));
     i8_store(ray.flags, I8(0));
+    if ((fx & FX_TEXTURE) && ks->alpha_meshes != NULL)
+        i8_store(ray.id, (i8)ray_hash(o, to));
     if (thread->log != NULL)
         ray_log_add(thread->log, &ray, i8_bits(valid), true);
     rtc_occluded8(lanes, ks->rtc, &ray);
@@ -245,6 +321,8 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         i8_store(ray.hit.geomID, I8(-1));
         i8_store(ray.hit.primID, I8(-1));
         i8_store(ray.hit.instID[0], I8(-1));
+        if ((fx & FX_TEXTURE) && ks->alpha_meshes != NULL)
+            i8_store(ray.ray.id, (i8)ray_hash(path.o, path.d));
         if (thread->log != NULL)
             ray_log_add(thread->log, &ray.ray, i8_bits(active), false);
         rtc_intersect8(lanes, ks->rtc, &ray);
@@ -299,6 +377,12 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
 
         /* Which material; a mix decides here, once per level of nesting */
         i8 id = s.material;
+        i8 textured = I8(0);
+        if (fx & FX_TEXTURE) {
+            textured = hit & (i8_gather(ks->textured, id) != 0);
+            if (i8_any(textured))
+                texture_points(ks, thread, textured, &s);
+        }
         if (fx & FX_MIX) {
             i8 mixed = hit &
                        (GATHER_I(scene->materials, struct material, kind, id) == MATERIAL_MIX);
@@ -307,6 +391,8 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
                                   vertex_dimension(&path, SAMPLE_MIX));
                 while (i8_any(mixed)) {
                     f8 amount = GATHER(scene->materials, struct material, mix_amount, id);
+                    if (fx & FX_TEXTURE)
+                        amount = texture_amounts(ks, thread, mixed, id, amount);
                     i8 second = u < amount;
                     i8 a = GATHER_I(scene->materials, struct material, mix[0], id);
                     i8 b = GATHER_I(scene->materials, struct material, mix[1], id);
@@ -318,7 +404,18 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
                 }
             }
         }
-        struct bsdf8 bsdf = bsdf_of(scene, fx, id);
+        /* Where textures have a say, every lane has a material of its own */
+        const struct material *materials = scene->materials;
+        i8 own = id;
+        if (fx & FX_TEXTURE) {
+            textured &= i8_gather(ks->textured, id) != 0;
+            if (i8_any(textured)) {
+                texture_materials(ks, thread, fx, textured, id, wo_world, &s);
+                materials = thread->materials;
+                own = lane_numbers();
+            }
+        }
+        struct bsdf8 bsdf = bsdf_of_materials(scene, materials, fx, own);
         i8 go = hit;
         i8 black = (bsdf.kind == MATERIAL_DIFFUSE) & (vec3x8_max(bsdf.reflectance) <= 0);
         go &= ~black;
@@ -362,13 +459,14 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
             struct bsdf_eval8 f = bsdf_eval(&bsdf, fx, TRANSPORT_RADIANCE, ls.valid, wo, wi);
             i8 worth = ls.valid & (vec3x8_max(f.f_cos) > 0);
             f8 wi_side = vec3x8_dot(s.ng, ls.wi);
-            if (fx & FX_SMOOTH_NORMALS) /* no light through the surface (NUMERICS H15) */
+            if (fx &
+                (FX_SMOOTH_NORMALS | FX_BUMP)) /* no light through the surface (NUMERICS H15) */
                 worth &= ((wo.z * wi.z > 0) == (wo_side * wi_side > 0));
             if (i8_any(worth)) {
                 struct vec3x8 o = vec3x8_along(s.p, s.ng, f8_mulsign(s.spawn, wi_side));
                 struct vec3x8 to = vec3x8_sub(ls.point, o);
                 stats->rays_shadow += (unsigned)__builtin_popcount(i8_bits(worth));
-                i8 visible = unoccluded(ks, thread, worth, o, to);
+                i8 visible = unoccluded(ks, thread, fx, worth, o, to);
                 f8 w = mis_weight(ls.pdf, f.pdf);
                 if (fx & FX_DELTA_LIGHT)
                     w = f8_select(ls.delta, F8(1), w);
@@ -388,7 +486,7 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         struct vec3x8 wi_world = frame_to_world(&frame, bs.wi);
         f8 wi_side = vec3x8_dot(s.ng, wi_world);
         go &= bs.valid;
-        if (fx & FX_SMOOTH_NORMALS)
+        if (fx & (FX_SMOOTH_NORMALS | FX_BUMP))
             go &= (bs.transmitted == 0) == (wo_side * wi_side > 0);
         stats->events += (unsigned)__builtin_popcount(i8_bits(go));
         struct vec3x8 beta = vec3x8_mul(path.beta, bs.weight);
