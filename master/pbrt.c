@@ -29,6 +29,7 @@ static bool reader_open(struct pbrt_reader *reader, bool lenient, struct err *er
 static void reader_close(struct pbrt_reader *reader)
 {
     pbrt_materials_free(&reader->materials);
+    pbrt_textures_free(&reader->textures);
     pbrt_objects_free(&reader->objects);
     pbrt_transforms_free(&reader->spaces);
     pbrt_state_free(&reader->stack);

@@ -15,6 +15,7 @@
 #include "master/pbrt_params.h"
 #include "master/pbrt_report.h"
 #include "master/pbrt_state.h"
+#include "master/pbrt_textures.h"
 #include "master/pbrt_transforms.h"
 #include "master/pbrt_view.h"
 #include "master/scene_build.h"
@@ -33,6 +34,7 @@ struct pbrt_reader {
     struct pbrt_spaces spaces;
     struct pbrt_objects objects;
     struct pbrt_materials materials;
+    struct pbrt_textures textures;
 
     struct scene_pictures pictures; /* that were read already */
 
