@@ -13,7 +13,7 @@
 #define OCTAVES_MAX 64
 
 struct pbrt_texture {
-    const char *name; /* not terminated */
+    const char *name; /* not terminated; NULL: a normal map, which has none */
     size_t name_length;
     bool spectrum;
     struct texture texture; /* as in the scene, but that children are definitions */
@@ -64,7 +64,8 @@ static const struct pbrt_texture *find_name(const struct pbrt_reader *reader,
 {
     const struct pbrt_texture *all = definitions(reader);
     for (size_t i = 0; i < reader->textures.definitions.count; i++)
-        if (all[i].spectrum == spectrum && all[i].name_length == name->length &&
+        if (all[i].name != NULL && all[i].spectrum == spectrum &&
+            all[i].name_length == name->length &&
             memcmp(all[i].name, name->text, name->length) == 0)
             return &all[i];
     return NULL;
@@ -84,7 +85,7 @@ static bool no_such_texture(struct pbrt_reader *reader, const struct pbrt_token 
     size_t count = 0;
     const struct pbrt_texture *all = definitions(reader);
     for (size_t i = 0; i < reader->textures.definitions.count && count < COUNT(list); i++) {
-        if (all[i].spectrum != spectrum || all[i].name_length == 0)
+        if (all[i].spectrum != spectrum || all[i].name == NULL)
             continue;
         size_t length = all[i].name_length < sizeof(texts[0]) ? all[i].name_length
                                                               : sizeof(texts[0]) - 1;
@@ -574,6 +575,11 @@ static bool read_picture(struct pbrt_reader *reader, struct pbrt_texture *defini
     if (reader->pictures.mended > 0)
         pbrt_report_note(reader, pos, "%s: %llu texels that are no colour were clamped",
                          definition->path, (unsigned long long)reader->pictures.mended);
+    if (reader->pictures.other_primaries)
+        pbrt_report_note(reader, pos,
+                         "%s: its colours are taken as linear sRGB, though it says "
+                         "that they are not",
+                         definition->path);
     return true;
 }
 

@@ -349,6 +349,15 @@ static bool store_pyramid(const struct texel_coder *coder, const struct scene_pi
 
 /* --- Into the scene ----------------------------------------------------------------------- */
 
+static bool has_other_primaries(const struct picture *file)
+{
+    static const double srgb[8] = { 0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290 };
+    for (int i = 0; file->has_primaries && i < 8; i++)
+        if (!(fabs((double)file->primaries[i] - srgb[i]) < 2e-3))
+            return true;
+    return false;
+}
+
 static bool append(struct scene_pictures *pictures, struct scene_build *build,
                    const struct picture *file, const char *name, const struct picture_wish *wish,
                    uint32_t *index, struct err *err)
@@ -381,6 +390,7 @@ static bool append(struct scene_pictures *pictures, struct scene_build *build,
         goto fail_memory;
     memset(texels + bytes, 0, blocks * TEXEL_BLOCK - bytes);
     pictures->mended = store_full(&coder, texels);
+    pictures->other_primaries = has_other_primaries(file);
     if (picture.levels > 1 && !store_pyramid(&coder, &picture, texels))
         goto fail_memory;
     *added = picture;
@@ -407,6 +417,7 @@ static bool find_known(struct scene_pictures *pictures, const char *name,
 {
     const struct known_picture *known = pictures->known.data;
     pictures->mended = 0;
+    pictures->other_primaries = false;
     for (size_t i = 0; i < pictures->known.count; i++)
         if (strcmp(known[i].name, name) == 0 && same_wish(&known[i].wish, wish)) {
             *index = known[i].index;

@@ -42,7 +42,8 @@ struct picture_wish {
 /* What was read already; zero-initialised at first. Lives as long as the reader. */
 struct scene_pictures {
     struct growing known;
-    uint64_t mended; /* texels of the latest picture; 0 when it was known already */
+    uint64_t mended;      /* texels of the latest picture; 0 when it was known already */
+    bool other_primaries; /* it says that its primaries are not sRGB's; taken as if they were */
 };
 void scene_pictures_free(struct scene_pictures *pictures);
 
