@@ -210,6 +210,33 @@ static void sheets_and_coated_metals_mix(void **state)
     scene_free(s);
 }
 
+static void sheets_and_coated_metals_take_textures(void **state)
+{
+    (void)state;
+#define CHECKS \
+    "Texture \"t\" \"spectrum\" \"checkerboard\" Texture \"f\" \"float\" \"checkerboard\" "
+    struct scene *s = scene_with(CHECKS
+                                 "Material \"coatedconductor\" \"texture reflectance\" \"t\" "
+                                 "\"texture interface.roughness\" \"f\" Shape \"sphere\" "
+                                 "Material \"diffusetransmission\" \"texture transmittance\" \"t\"",
+                                 NULL);
+    const struct material *m = s->materials;
+    assert_true(m[0].texture[SLOT_REFLECTANCE] != 0 && (m[0].flags & MATERIAL_METAL));
+    assert_true(m[0].texture[SLOT_ROUGHNESS_U] != 0 && (m[0].flags & MATERIAL_COATS));
+    assert_int_equal(m[0].texture[SLOT_ROUGHNESS_U], m[0].texture[SLOT_ROUGHNESS_V]);
+    assert_int_equal(s->coat_table_count, COAT_METAL_ROWS * COAT_ALPHAS + 1);
+    assert_true(m[1].texture[SLOT_SPECULAR] != 0 && m[1].texture[SLOT_REFLECTANCE] == 0);
+    assert_false(s->settings.effects & FX_ANISOTROPIC);
+    scene_free(s);
+    s = scene_with(CHECKS "Material \"coateddiffuse\" \"texture roughness\" \"f\"", NULL);
+    assert_int_equal(s->coat_table_count, COAT_ALPHAS + 1);
+    assert_true(s->materials[0].flags & MATERIAL_COATS);
+    scene_free(s);
+    expect_refused(CHECKS "Material \"diffusetransmission\" \"texture reflectance\" \"t\" "
+                          "\"float scale\" .5",
+                   "not supported yet");
+}
+
 static void what_is_not_supported_yet_says_so(void **state)
 {
     (void)state;
@@ -233,6 +260,7 @@ int main(void)
         cmocka_unit_test(only_two_widths_that_differ_are_anisotropic),
         cmocka_unit_test(interfaces_are_not_there_and_give_no_light),
         cmocka_unit_test(sheets_and_coated_metals_mix),
+        cmocka_unit_test(sheets_and_coated_metals_take_textures),
         cmocka_unit_test(what_is_not_supported_yet_says_so),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
