@@ -29,10 +29,12 @@ static bool reader_open(struct pbrt_reader *reader, bool lenient, struct err *er
 static void reader_close(struct pbrt_reader *reader)
 {
     pbrt_materials_free(&reader->materials);
+    pbrt_textures_free(&reader->textures);
     pbrt_objects_free(&reader->objects);
     pbrt_transforms_free(&reader->spaces);
     pbrt_state_free(&reader->stack);
     pbrt_params_free(&reader->params);
+    scene_pictures_free(&reader->pictures);
     scene_build_free(reader->build);
     pbrt_lexer_free(reader->lexer);
     pbrt_report_free(&reader->report);

@@ -15,6 +15,10 @@
  * the three vertex normals; its light leaves on that side. Area lights with "power" on a mesh emit
  * that power from every triangle, as in pbrt.
  *
+ * Textures differ from pbrt-v4 in this: "bilinear", "trilinear" and "ewa" pictures are all filtered
+ * trilinearly; a PNG's alpha is linear, whatever its colours are; and what the numbers of a texture
+ * are (reflectances are at most 1) is decided where it is defined, not where it is used.
+ *
  * Thread: any, one call each.
  */
 #ifndef MASTER_PBRT_H

@@ -190,9 +190,78 @@ static void read_mix(struct pbrt_params *params, struct pbrt_material *definitio
     }
 }
 
+/* --- Textures in place of numbers --------------------------------------------------------- */
+
+static void take_roughness(struct pbrt_params *params, struct material *material)
+{
+    static const char *const names[] = { "uroughness", "vroughness" };
+    uint32_t *slots = material->texture + SLOT_ROUGHNESS_U;
+    uint32_t both = pbrt_textures_take(params, "roughness", false);
+    for (int i = 0; i < 2; i++)
+        slots[i] = pbrt_params_find(params, names[i]) != NULL
+                       ? pbrt_textures_take(params, names[i], false)
+                       : both;
+    if ((slots[0] != 0 || slots[1] != 0) && pbrt_params_bool(params, "remaproughness", true))
+        material->flags |= MATERIAL_REMAP;
+}
+
+/* Fill the slots, as definitions for now, and leave to the readers of numbers what is a number */
+static void take_textures(struct pbrt_params *params, struct material *material)
+{
+    static const struct {
+        uint32_t kind, slot;
+        const char *name;
+        bool spectrum;
+    } rows[] = {
+        { MATERIAL_DIFFUSE, SLOT_REFLECTANCE, "reflectance", true },
+        { MATERIAL_MIXTURE, SLOT_REFLECTANCE, "diffuse", true },
+        { MATERIAL_MIXTURE, SLOT_SPECULAR, "specular", true },
+        { MATERIAL_CONDUCTOR, SLOT_REFLECTANCE, "reflectance", true },
+        { MATERIAL_CONDUCTOR, SLOT_ETA, "eta", true },
+        { MATERIAL_CONDUCTOR, SLOT_K, "k", true },
+        { MATERIAL_COAT, SLOT_REFLECTANCE, "reflectance", true },
+        { MATERIAL_MIX, SLOT_AMOUNT, "amount", false },
+    };
+    for (size_t i = 0; i < COUNT(rows); i++)
+        if (rows[i].kind == material->kind)
+            material->texture[rows[i].slot] = pbrt_textures_take(params, rows[i].name,
+                                                                 rows[i].spectrum);
+    if (material->kind == MATERIAL_CONDUCTOR || material->kind == MATERIAL_DIELECTRIC ||
+        material->kind == MATERIAL_COAT)
+        take_roughness(params, material);
+
+    const uint32_t *slots = material->texture;
+    if (material->kind != MATERIAL_CONDUCTOR || slots[SLOT_REFLECTANCE] == 0)
+        return;
+    material->flags |= MATERIAL_METAL;
+    if (slots[SLOT_ETA] != 0 || slots[SLOT_K] != 0 || pbrt_params_find(params, "eta") != NULL ||
+        pbrt_params_find(params, "k") != NULL)
+        pbrt_params_fail(params, NULL, "a conductor has either reflectance or eta and k");
+}
+
+/* Bumps and normal maps, which any surface may have; a mix takes those of its two */
+static void take_bumps(struct pbrt_params *params, struct material *material)
+{
+    uint32_t normal = pbrt_textures_normal_map(params, "normalmap");
+    uint32_t bump = pbrt_textures_take(params, "displacement", false);
+    pbrt_params_float(params, "displacement", 0); /* the same everywhere: no slope */
+    if (material->kind != MATERIAL_MIX) {
+        material->texture[SLOT_NORMAL] = normal;
+        material->texture[SLOT_BUMP] = bump;
+    } else if (normal != 0 || bump != 0) {
+        pbrt_report_note(params->reader, &params->pos,
+                         "a mix has no bumps but those of its materials");
+    }
+    const struct pbrt_param *old = pbrt_params_find(params, "bumpmap");
+    if (old != NULL)
+        pbrt_params_fail(params, old,
+                         "\"bumpmap\" is of pbrt-v3: in pbrt-v4 it is \"texture displacement\"");
+}
+
 static void read_material(struct pbrt_params *params, struct pbrt_material *definition)
 {
     struct material *material = &definition->material;
+    take_textures(params, material);
     switch (material->kind) {
     case MATERIAL_DIFFUSE:
         read_reflectance(params, "reflectance", 0.5, material->reflectance);
@@ -220,9 +289,7 @@ static void read_material(struct pbrt_params *params, struct pbrt_material *defi
     default:
         read_mix(params, definition);
     }
-    static const char *const later[] = { "displacement", "normalmap", "bumpmap" };
-    for (size_t i = 0; i < COUNT(later); i++)
-        pbrt_params_later(params, later[i]);
+    take_bumps(params, material);
 }
 
 /* --- Definitions -------------------------------------------------------------------------- */
@@ -401,6 +468,9 @@ static bool resolve(struct pbrt_reader *reader, uint32_t index, int depth, uint3
         if (!resolve(reader, found->definition, depth + 1, &material.mix[i]))
             return false;
     }
+    for (int slot = 0; slot < MATERIAL_SLOTS; slot++)
+        if (!pbrt_textures_resolve(reader, &material.texture[slot]))
+            return false;
     struct material *added = growing_add(&reader->build->materials, 1, sizeof(*added));
     if (added == NULL)
         return pbrt_report_no_memory(reader);

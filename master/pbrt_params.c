@@ -399,6 +399,38 @@ static const struct pbrt_param *take(struct pbrt_params *params, const char *nam
     return param;
 }
 
+const struct pbrt_token *pbrt_params_texture(struct pbrt_params *params, const char *name)
+{
+    const struct pbrt_param *param = find(params, name, strlen(name));
+    if (param == NULL || param->type != PARAM_TEXTURE)
+        return NULL;
+    take(params, name);
+    if (param->string_count != 1)
+        pbrt_params_fail(params, param, "\"texture %s\" wants one name", name);
+    return pbrt_params_tokens(params, param);
+}
+
+void pbrt_params_replace(struct pbrt_params *params, const char *name, enum pbrt_param_type type,
+                         const double *numbers, size_t count)
+{
+    struct pbrt_param *param = find(params, name, strlen(name));
+    double *added = growing_add(&params->numbers, count, sizeof(double));
+    if (added == NULL) {
+        params->failed = true;
+        pbrt_report_no_memory(params->reader);
+        return;
+    }
+    if (count > 0)
+        memcpy(added, numbers, count * sizeof(double));
+    else
+        param->name_length = 0; /* no name is empty, so nobody finds it */
+    param->type = type;
+    param->first_number = params->numbers.count - count;
+    param->number_count = count;
+    param->string_count = 0;
+    param->used = true;
+}
+
 void pbrt_params_later(struct pbrt_params *params, const char *name)
 {
     const struct pbrt_param *param = take(params, name);

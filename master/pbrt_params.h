@@ -75,6 +75,13 @@ bool pbrt_params_bool(struct pbrt_params *params, const char *name, bool otherwi
 const struct pbrt_token *pbrt_params_string(struct pbrt_params *params, const char *name);
 void pbrt_params_point(struct pbrt_params *params, const char *name, double point[3]);
 
+/* The name of the texture that the parameter is; NULL when it is absent or something else. */
+const struct pbrt_token *pbrt_params_texture(struct pbrt_params *params, const char *name);
+
+/* From now on the parameter, which is there, has these numbers; without any it is gone. */
+void pbrt_params_replace(struct pbrt_params *params, const char *name, enum pbrt_param_type type,
+                         const double *numbers, size_t count);
+
 /* Whole arrays, NULL when absent; they last until the next list is read. `groups` counts points,
  * not coordinates; a remainder is an error. */
 const double *pbrt_params_array(struct pbrt_params *params, const char *name,

@@ -36,12 +36,27 @@ static bool place_here(struct pbrt_reader *reader, const struct source_pos *pos,
     return pbrt_materials_resolve(reader, &place->material);
 }
 
-/* "alpha" cuts holes; only a whole surface is possible so far */
-static void read_alpha(struct pbrt_params *params)
+/* "alpha" cuts holes: how much of the surface is there; *none when there is nothing of it */
+static bool read_alpha(struct pbrt_reader *reader, bool mesh, struct build_place *place, bool *none)
 {
-    const struct pbrt_param *alpha = pbrt_params_find(params, "alpha");
-    if (alpha != NULL && (alpha->type != PARAM_FLOAT || pbrt_params_float(params, "alpha", 1) != 1))
-        pbrt_params_later(params, "alpha");
+    struct pbrt_params *params = &reader->params;
+    place->alpha = pbrt_textures_take(params, "alpha", false);
+    double alpha = pbrt_params_float(params, "alpha", 1);
+    *none = !(alpha > 0);
+    if (params->failed)
+        return false;
+    if (place->alpha == 0 && alpha >= 1)
+        return true;
+    if (*none && place->emitter != SCENE_NONE)
+        return pbrt_report_later(reader, &place->pos, "light from a shape that is not seen");
+    if (*none)
+        return true;
+    if (!mesh) {
+        place->alpha = 0;
+        return pbrt_report_later(reader, &place->pos, "\"alpha\" of a sphere or disk");
+    }
+    return place->alpha != 0 ? pbrt_textures_resolve(reader, &place->alpha)
+                             : pbrt_textures_resolve_number(reader, alpha, &place->alpha);
 }
 
 /* --- Meshes ------------------------------------------------------------------------------- */
@@ -230,7 +245,11 @@ bool pbrt_shapes_add(struct pbrt_reader *reader, const struct pbrt_token *type)
     struct build_place place;
     if (!place_here(reader, &type->pos, &place))
         return false;
-    read_alpha(&reader->params);
+    bool mesh = found->value == SHAPE_MESH || found->value == SHAPE_PLY, none;
+    if (!read_alpha(reader, mesh, &place, &none))
+        return false;
+    if (none)
+        return true;
     switch (found->value) {
     case SHAPE_MESH:
         return add_mesh(reader, &place);

@@ -44,6 +44,7 @@ void scene_build_free(struct scene_build *build)
     growing_free(&build->emitters);
     growing_free(&build->lights);
     growing_free(&build->textures);
+    growing_free(&build->texture_spaces);
     growing_free(&build->pictures);
     growing_free(&build->texels);
     scene_free(build->scene);
@@ -375,15 +376,15 @@ static bool place_quadrics(struct scene_build *build, struct err *err)
 static void place_textures(struct scene_build *build)
 {
     const double *center = build->scene->settings.center;
-    struct texture *texture = build->textures.data;
-    for (size_t i = 0; i < build->textures.count; i++, texture++) {
-        if (texture->mapping == MAPPING_UV)
-            continue;
-        int rows = texture->mapping == MAPPING_PLANAR ? 2 : 3;
-        for (int row = 0; row < rows; row++) {
-            float *m = texture->map + 4 * row;
-            m[3] = (float)((double)m[3] + (double)m[0] * center[0] + (double)m[1] * center[1] +
-                           (double)m[2] * center[2]);
+    const struct build_texture_space *space = build->texture_spaces.data;
+    for (size_t i = 0; i < build->texture_spaces.count; i++, space++) {
+        struct texture *texture = (struct texture *)build->textures.data + space->texture;
+        for (int row = 0; row < 3; row++) {
+            const double *m = space->map + 4 * row;
+            for (int column = 0; column < 3; column++)
+                texture->map[4 * row + column] = (float)m[column];
+            texture->map[4 * row + 3] = (float)(m[0] * center[0] + m[1] * center[1] +
+                                                m[2] * center[2] + m[3]);
         }
     }
 }

@@ -46,6 +46,13 @@ struct build_quadric {
     double height;          /* disk: its z in object space */
 };
 
+/* Where a texture of points (any mapping but MAPPING_UV) has its points: its map before rounding,
+ * in the file's coordinates. */
+struct build_texture_space {
+    uint32_t texture; /* index */
+    double map[12];
+};
+
 /* What finishing a scene came across. */
 struct build_counts {
     uint64_t degenerate_triangles; /* dropped: no area in float32 */
@@ -55,16 +62,17 @@ struct build_counts {
 struct scene_build {
     struct scene *scene; /* its settings, but for centre and bounds, are the reader's */
     struct transform world_from_camera;
-    struct ply_target vertices; /* where meshes are appended */
-    struct growing meshes;      /* struct build_mesh */
-    struct growing quadrics;    /* struct build_quadric */
-    struct growing materials;   /* struct material: indices are final */
-    struct growing coat_tables; /* COAT_TABLE_LEN floats each */
-    struct growing emitters;    /* struct emitter */
-    struct growing lights;      /* struct build_light */
-    struct growing textures;    /* struct texture: indices are final, points still the file's */
-    struct growing pictures;    /* struct scene_picture, added by scene_pictures.h */
-    struct growing texels;      /* TEXEL_BLOCK bytes each */
+    struct ply_target vertices;    /* where meshes are appended */
+    struct growing meshes;         /* struct build_mesh */
+    struct growing quadrics;       /* struct build_quadric */
+    struct growing materials;      /* struct material: indices are final */
+    struct growing coat_tables;    /* COAT_TABLE_LEN floats each */
+    struct growing emitters;       /* struct emitter */
+    struct growing lights;         /* struct build_light */
+    struct growing textures;       /* struct texture: indices are final */
+    struct growing texture_spaces; /* struct build_texture_space */
+    struct growing pictures;       /* struct scene_picture, added by scene_pictures.h */
+    struct growing texels;         /* TEXEL_BLOCK bytes each */
 };
 
 /* NULL when memory runs out. scene_build_free(NULL) does nothing. */

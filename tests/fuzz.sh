@@ -30,12 +30,12 @@ for target in "$@"; do
     clang -std=c17 -D_GNU_SOURCE -O1 -g -Wno-psabi -fsanitize=fuzzer,$checks -I. -I"$out/generated" \
         $(pkg-config --cflags libprotobuf-c libuv openssl) "tests/fuzz_$target.c" -o "$out/fuzz_$target" \
         "$out/libpathfarm_master.a" "$out/libpathfarm_proto.a" "$out/libpathfarm_common.a" \
-        $(pkg-config --libs libprotobuf-c libuv openssl zlib) -lm
+        $(pkg-config --libs libprotobuf-c libuv openssl zlib OpenEXR libpng libjpeg jansson) -lm
     # Readers may take 64 MiB, and 64 bytes for each byte of input
     "$out/fuzz_$target" -max_total_time="$seconds" -max_len=65536 -malloc_limit_mb=68 \
         -artifact_prefix="$out/$target-" -print_final_stats=1 "$corpus" $(
             case $target in
-            pbrt) echo scenes ;;
+            pbrt) echo scenes -dict=tests/fuzz_pbrt.dict ;;
             esac
         ) 2>"$out/$target.log" || {
         tail -40 "$out/$target.log" >&2

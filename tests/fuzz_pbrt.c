@@ -1,10 +1,7 @@
 /*
- * libFuzzer target: any bytes as pbrt text, strict and lenient. Not built by default:
- *   clang -g -O1 -fsanitize=fuzzer,address,undefined -D_GNU_SOURCE -Wno-psabi -I. tests/fuzz_pbrt.c
- *       common/{arena,scene,effects,err,elem}.c master/pbrt*.c
- *       master/{ply,number,growing,transform,spectrum,coat,scene_build,scene_lights}.c -lz -lm -o
- * fuzz_pbrt
- *   ./fuzz_pbrt -max_len=65536 -malloc_limit_mb=68 corpus scenes
+ * libFuzzer target: any bytes as pbrt text, strict and lenient. Not built by default: fuzz.sh
+ * builds it, and runs it with
+ *   -max_len=65536 -malloc_limit_mb=68 -dict=tests/fuzz_pbrt.dict corpus scenes
  * (64 MiB and 64 bytes per byte of input are what reading may take.)
  */
 #include "common/err.h"
