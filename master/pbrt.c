@@ -33,6 +33,7 @@ static void reader_close(struct pbrt_reader *reader)
     pbrt_transforms_free(&reader->spaces);
     pbrt_state_free(&reader->stack);
     pbrt_params_free(&reader->params);
+    scene_pictures_free(&reader->pictures);
     scene_build_free(reader->build);
     pbrt_lexer_free(reader->lexer);
     pbrt_report_free(&reader->report);

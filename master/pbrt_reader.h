@@ -18,6 +18,7 @@
 #include "master/pbrt_transforms.h"
 #include "master/pbrt_view.h"
 #include "master/scene_build.h"
+#include "master/scene_pictures.h"
 
 struct pbrt_reader {
     struct err *err; /* set when any function of the reader returns false */
@@ -32,6 +33,8 @@ struct pbrt_reader {
     struct pbrt_spaces spaces;
     struct pbrt_objects objects;
     struct pbrt_materials materials;
+
+    struct scene_pictures pictures; /* that were read already */
 
     struct pbrt_view view;
     struct scene_build *build; /* the scene so far */
