@@ -75,6 +75,29 @@ static float light_extent(const struct scene *scene, const struct light *light)
     return extent;
 }
 
+static bool environments_open(struct kernel_scene *ks, struct err *err)
+{
+    const uint32_t count = ks->scene->environment_count;
+    if (count == 0)
+        return true;
+    ks->environments = calloc(count, sizeof(*ks->environments));
+    if (ks->environments == NULL)
+        return err_set(err, ERR_MEMORY, "no memory for %u environments", count);
+    for (uint32_t i = 0; i < count; i++)
+        if (!environment_open(&ks->environments[i], ks->scene, i, err))
+            return false;
+    return true;
+}
+
+static void environments_close(struct kernel_scene *ks)
+{
+    if (ks->environments == NULL)
+        return;
+    for (uint32_t i = 0; i < ks->scene->environment_count; i++)
+        environment_close(&ks->environments[i]);
+    free(ks->environments);
+}
+
 /* Scattering finds a constant sky as well as any light sampling could */
 static bool is_sampled(const struct light *light)
 {
@@ -124,30 +147,7 @@ static bool lights_open(struct kernel_scene *ks, struct err *err)
     ks->light_steps = 1;
     while ((uint32_t)ks->light_steps * 2 < n)
         ks->light_steps *= 2;
-    return true;
-}
-
-static bool environments_open(struct kernel_scene *ks, struct err *err)
-{
-    const uint32_t count = ks->scene->environment_count;
-    if (count == 0)
-        return true;
-    ks->environments = calloc(count, sizeof(*ks->environments));
-    if (ks->environments == NULL)
-        return err_set(err, ERR_MEMORY, "no memory for %u environments", count);
-    for (uint32_t i = 0; i < count; i++)
-        if (!environment_open(&ks->environments[i], ks->scene, i, err))
-            return false;
-    return true;
-}
-
-static void environments_close(struct kernel_scene *ks)
-{
-    if (ks->environments == NULL)
-        return;
-    for (uint32_t i = 0; i < ks->scene->environment_count; i++)
-        environment_close(&ks->environments[i]);
-    free(ks->environments);
+    return environments_open(ks, err);
 }
 
 /* ---- geometry */
@@ -304,7 +304,7 @@ struct kernel_scene *kernel_open(const struct scene *scene, const struct job_spe
     ks->far_distance = 2 * far;
     arrays_prefer_huge_pages(scene);
     if (!sampler_init(&ks->sampler, scene->settings.sampler, spec->planned_samples, err) ||
-        !lights_open(ks, err) || !environments_open(ks, err) || !geometry_open(ks, err))
+        !lights_open(ks, err) || !geometry_open(ks, err))
         goto fail;
     return ks;
 
