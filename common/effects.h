@@ -34,7 +34,8 @@ struct scene;
     X(PATHS, 19, "paths", "a path expression that is not L(D|S)*E")                     \
     X(WIDE_POLYGON, 20, "wide-polygon", "polygon lights of five or more corners")       \
     X(TEXTURE, 21, "texture", "values that change over a surface")                      \
-    X(BUMP, 22, "bump", "normal maps and displacements by bumps")
+    X(BUMP, 22, "bump", "normal maps and displacements by bumps")                       \
+    X(ENVIRONMENT, 23, "environment", "light from infinity that changes with direction")
 
 enum effect {
 #define X(name, bit, printed, meaning) FX_##name = 1u << (bit),
