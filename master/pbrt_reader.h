@@ -38,7 +38,6 @@ struct pbrt_reader {
 
     struct scene_pictures pictures; /* that were read already */
 
-
     struct pbrt_view view;
     struct scene_build *build; /* the scene so far */
 };
