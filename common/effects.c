@@ -48,6 +48,7 @@ static uint32_t material_effects(const struct material *material)
 
 static uint32_t light_effects(const struct light *light)
 {
+    uint32_t mask = light->environment != 0 ? FX_ENVIRONMENT : 0;
     switch (light->kind) {
     case LIGHT_POLYGON:
         return FX_POLYGON_LIGHT | (light->corner_count > 4 ? FX_WIDE_POLYGON : 0);
@@ -56,9 +57,9 @@ static uint32_t light_effects(const struct light *light)
     case LIGHT_DISK:
         return FX_DISK_LIGHT;
     case LIGHT_SKY:
-        return FX_SKY;
+        return mask != 0 ? mask : FX_SKY;
     default:
-        return FX_DELTA_LIGHT;
+        return mask | FX_DELTA_LIGHT;
     }
 }
 

@@ -8,8 +8,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define RESOLUTION_MAX 65536
-#define PICTURE_MAX    (1 << 20) /* texels of a side */
+#define RESOLUTION_MAX  65536
+#define PICTURE_MAX     (1 << 20) /* texels of a side */
+#define ENVIRONMENT_MAX (1 << 28) /* texels of an environment */
 
 struct scene *scene_new(void)
 {
@@ -103,8 +104,10 @@ static bool check_settings(const struct scene *scene, struct err *err)
             return err_set(err, ERR_SCENE, "the centre of the scene is not finite");
     if (!all_finite(settings->bounds_min, 3) || !all_finite(settings->bounds_max, 3))
         return err_set(err, ERR_SCENE, "the bounds of the scene are not finite");
-    if (settings->sky_light != SCENE_NONE && (settings->sky_light >= scene->light_count ||
-                                              scene->lights[settings->sky_light].kind != LIGHT_SKY))
+    if (settings->sky_light != SCENE_NONE &&
+        (settings->sky_light >= scene->light_count ||
+         scene->lights[settings->sky_light].kind != LIGHT_SKY ||
+         scene->lights[settings->sky_light].environment != 0))
         return err_set(err, ERR_SCENE, "the sky's light is not a light of the sky");
     return true;
 }
@@ -183,6 +186,44 @@ static bool check_picture(const struct scene *scene, uint32_t index, struct err 
     if (bytes > ((uint64_t)scene->texel_block_count - picture->first_block) * TEXEL_BLOCK ||
         picture->first_block > scene->texel_block_count)
         return err_set(err, ERR_SCENE, "picture %u reaches beyond the texels", index);
+    return true;
+}
+
+/* Rows at right angles and of unit length */
+static bool is_rotation(const float m[9])
+{
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j <= i; j++) {
+            float dot = m[3 * i] * m[3 * j] + m[3 * i + 1] * m[3 * j + 1] +
+                        m[3 * i + 2] * m[3 * j + 2];
+            if (!(fabsf(dot - (i == j)) < 1e-5f))
+                return false;
+        }
+    return true;
+}
+
+static bool check_environment(const struct scene *scene, uint32_t index, struct err *err)
+{
+    const struct environment *environment = &scene->environments[index];
+    if (environment->picture >= scene->picture_count)
+        return err_set(err, ERR_SCENE, "environment %u: no picture %u", index,
+                       environment->picture);
+    const struct scene_picture *picture = &scene->pictures[environment->picture];
+    if (environment->layout > ENVIRONMENT_PROJECTION ||
+        (environment->layout == ENVIRONMENT_SQUARE && picture->width != picture->height) ||
+        (uint64_t)picture->width * picture->height > ENVIRONMENT_MAX)
+        return err_set(err, ERR_SCENE, "environment %u: the shape of its picture is not valid",
+                       index);
+    const float *scale = environment->scale;
+    if (!all_finite(environment->to_light, 9) || !all_finite(scale, 3) ||
+        !(scale[0] >= 0 && scale[1] >= 0 && scale[2] >= 0))
+        return err_set(err, ERR_SCENE, "environment %u has a number that is not valid", index);
+    if (environment->layout != ENVIRONMENT_PROJECTION && !is_rotation(environment->to_light))
+        return err_set(err, ERR_SCENE, "environment %u is not turned by a rotation", index);
+    if (environment->light >= scene->light_count ||
+        scene->lights[environment->light].environment != index + 1)
+        return err_set(err, ERR_SCENE, "environment %u and its light do not know each other",
+                       index);
     return true;
 }
 
@@ -265,6 +306,16 @@ static bool check_light(const struct scene *scene, uint32_t index, struct err *e
     if ((light->kind == LIGHT_SPHERE || light->kind == LIGHT_DISK) &&
         (light->quadric >= scene->quadric_count || scene->quadrics[light->quadric].light != index))
         return err_set(err, ERR_SCENE, "light %u and its quadric do not know each other", index);
+    if (light->environment != 0) {
+        uint32_t environment = light->environment - 1;
+        if (environment >= scene->environment_count ||
+            scene->environments[environment].light != index)
+            return err_set(err, ERR_SCENE, "light %u and its environment do not know each other",
+                           index);
+        bool projected = scene->environments[environment].layout == ENVIRONMENT_PROJECTION;
+        if (light->kind != LIGHT_POINT && (light->kind != LIGHT_SKY || projected))
+            return err_set(err, ERR_SCENE, "light %u cannot have its environment", index);
+    }
     if (light->kind <= LIGHT_DISK && !(light->area > 0))
         return err_set(err, ERR_SCENE, "light %u has no area", index);
     return true;
@@ -309,6 +360,9 @@ bool scene_check(const struct scene *scene, struct err *err)
             return false;
     for (uint32_t i = 0; i < scene->picture_count; i++)
         if (!check_picture(scene, i, err))
+            return false;
+    for (uint32_t i = 0; i < scene->environment_count; i++)
+        if (!check_environment(scene, i, err))
             return false;
     for (uint32_t i = 0; i < scene->texture_count; i++)
         if (!check_texture(scene, i, err))

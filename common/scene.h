@@ -154,6 +154,25 @@ struct scene_picture {
 };
 
 /*
+ * A picture of what comes from, or goes into, every direction. A direction d of the world is
+ * to_light d in the picture's space, where a texel covers a patch of directions, all of it with
+ * the texel's value times `scale` (nothing is interpolated, as in pbrt-v4; common/direction_map.h).
+ * Seen from a sky the direction is the one looked into; from a point light, the one of its light.
+ */
+enum environment_layout {
+    ENVIRONMENT_SQUARE = 0,     /* pbrt-v4's octahedron of equal areas; width = height */
+    ENVIRONMENT_LAT_LONG = 1,   /* rows from +z to -z, columns once around from +x over +y */
+    ENVIRONMENT_PROJECTION = 2, /* where z > 0: x / z and y / z in [-1, 1], top left at (-1, -1);
+                                   black elsewhere. For point lights only. */
+};
+struct environment {
+    uint32_t picture, layout;
+    uint32_t light;    /* the one light that it belongs to */
+    float to_light[9]; /* row-major; a rotation, mirrored or not, but for projections */
+    float scale[3];
+};
+
+/*
  * Textures are trees: children come before their parents in the array. A value has three channels;
  * a float texture has the same in all. Where child[i] is 0, value[i] stands in its place.
  */
@@ -300,7 +319,8 @@ enum light_flag { LIGHT_TWO_SIDED = 1 };
  * Area lights emit `radiance` on the side of `normal` (polygon) or of their quadric's normal, or on
  * both. Point and spot: `radiance` is radiant intensity; distant: irradiance on a surface facing
  * it. A polygon is convex and planar, corners light_corners[3 * (first_corner + i)] in an order
- * that is counter-clockwise seen from the side of `normal`.
+ * that is counter-clockwise seen from the side of `normal`. What an environment says by direction
+ * (sky, point) takes the place of `radiance`, which then is its mean over all directions.
  */
 struct light {
     uint32_t kind, flags;
@@ -313,6 +333,7 @@ struct light {
     float pick; /* probability that light sampling chooses this light; all sum to 1 */
     uint32_t first_corner, corner_count;
     uint32_t quadric;
+    uint32_t environment; /* 1 + index, or 0 */
 };
 
 struct scene {
@@ -349,6 +370,8 @@ struct scene {
     uint32_t picture_count;
     uint8_t *texels;
     uint32_t texel_block_count; /* TEXEL_BLOCK bytes each */
+    struct environment *environments;
+    uint32_t environment_count;
 };
 
 /* The arrays, for code that treats all alike: member, count member, element type, per count */
@@ -367,7 +390,8 @@ struct scene {
     X(colors, color_count, float, 4)                        \
     X(textures, texture_count, struct texture, 1)           \
     X(pictures, picture_count, struct scene_picture, 1)     \
-    X(texels, texel_block_count, uint8_t, TEXEL_BLOCK)
+    X(texels, texel_block_count, uint8_t, TEXEL_BLOCK)      \
+    X(environments, environment_count, struct environment, 1)
 
 /* An empty scene with default settings; NULL when memory runs out. scene_free(NULL) is fine. */
 struct scene *scene_new(void);

@@ -2,6 +2,7 @@
 
 #include "common/elem.h"
 #include "master/pbrt_color.h"
+#include "master/pbrt_environments.h"
 #include "master/pbrt_reader.h"
 
 #include <math.h>
@@ -9,13 +10,16 @@
 #define PI       3.14159265358979323846
 #define COUNT(a) (sizeof(a) / sizeof((a)[0]))
 
+/* Point lights of the scene model with an environment, which is their picture */
+enum { GONIOMETRIC = LIGHT_KINDS, PROJECTION };
+
 static const struct pbrt_name kinds[] = {
     { "point", LIGHT_POINT, NAME_OURS, NULL },
     { "spot", LIGHT_SPOT, NAME_OURS, NULL },
     { "distant", LIGHT_DISTANT, NAME_OURS, NULL },
     { "infinite", LIGHT_SKY, NAME_OURS, NULL },
-    { "goniometric", 0, NAME_LATER, NULL },
-    { "projection", 0, NAME_LATER, NULL },
+    { "goniometric", GONIOMETRIC, NAME_OURS, NULL },
+    { "projection", PROJECTION, NAME_OURS, NULL },
     { "exinfinite", 0, NAME_OLD, "in pbrt-v4 it is \"infinite\"" },
     { "diffuse", 0, NAME_OLD, "that is an AreaLightSource" },
 };
@@ -88,6 +92,32 @@ static bool add_sky(struct pbrt_reader *reader, const double rgb[3])
     return true;
 }
 
+/* What "infinite" says besides its colour: a picture instead of it, and through which hole it
+ * shines, which would only save noise in a room that has no other */
+static void read_infinite(struct pbrt_params *params, struct pbrt_environment *picture)
+{
+    const struct pbrt_param *old = pbrt_params_find(params, "mapname");
+    if (old != NULL)
+        pbrt_params_fail(params, old, "\"mapname\" is pbrt-v3's: in pbrt-v4 it is \"filename\"");
+    const struct pbrt_param *portal = pbrt_params_find(params, "portal");
+    if (portal != NULL)
+        pbrt_report_note(params->reader, &portal->pos,
+                         "the \"portal\" is not used: light that misses it counts, too");
+    picture->filename = pbrt_params_string(params, "filename");
+    const struct pbrt_param *colour = pbrt_params_find(params, "L");
+    if (picture->filename != NULL && colour != NULL)
+        pbrt_params_fail(params, colour, "an infinite light has a picture or a colour, not both");
+}
+
+static void read_picture(struct pbrt_params *params, struct pbrt_environment *picture)
+{
+    picture->filename = pbrt_params_string(params, "filename");
+    if (picture->filename == NULL && !params->failed)
+        pbrt_params_fail(params, NULL, "%s wants \"string filename\"", params->owner);
+    if (picture->kind == PBRT_PROJECTION)
+        picture->fov = pbrt_params_float(params, "fov", 90) * (PI / 180);
+}
+
 bool pbrt_lights_add(struct pbrt_reader *reader, const struct pbrt_token *type)
 {
     struct pbrt_params *params = &reader->params;
@@ -97,44 +127,47 @@ bool pbrt_lights_add(struct pbrt_reader *reader, const struct pbrt_token *type)
     if (found == NULL)
         return true;
 
-    struct build_light built = { .light = { .kind = (uint32_t)found->value,
+    bool pictured = found->value == GONIOMETRIC || found->value == PROJECTION;
+    struct pbrt_environment picture = { .kind = found->value == GONIOMETRIC  ? PBRT_GONIOMETRIC
+                                                : found->value == PROJECTION ? PBRT_PROJECTION
+                                                                             : PBRT_INFINITE };
+    struct build_light built = { .light = { .kind = pictured ? LIGHT_POINT : (uint32_t)found->value,
                                             .quadric = SCENE_NONE } };
     struct light *light = &built.light;
     const struct transform *ctm = &reader->state.ctm;
     double rgb[3], from[3] = { 0, 0, 0 }, unit_power = 4 * PI;
     bool delta = light->kind == LIGHT_POINT || light->kind == LIGHT_SPOT;
     read_light(params, delta ? "I" : "L", rgb);
-    if (light->kind != LIGHT_SKY)
+    if (light->kind != LIGHT_SKY && !pictured)
         pbrt_params_point(params, "from", from);
     if (light->kind == LIGHT_SPOT)
         read_spot(params, light, &unit_power);
     if (light->kind == LIGHT_SPOT || light->kind == LIGHT_DISTANT)
         read_direction(params, ctm, from, light->direction);
-    if (delta) {
-        double power = pbrt_params_float(params, "power", 0);
-        if (power > 0)
-            scale_to(rgb, power, unit_power);
+    if (light->kind == LIGHT_SKY)
+        read_infinite(params, &picture);
+    if (pictured)
+        read_picture(params, &picture);
+    double wanted = pbrt_params_float(params, delta ? "power" : "illuminance", 0);
+    if (picture.filename != NULL)
+        picture.wanted = wanted;
+    else if (wanted > 0)
+        scale_to(rgb, wanted, delta ? unit_power : light->kind == LIGHT_SKY ? PI : 1);
+    if (delta)
         transform_point(ctm, from, built.position);
-    } else {
-        double illuminance = pbrt_params_float(params, "illuminance", 0);
-        if (illuminance > 0)
-            scale_to(rgb, illuminance, light->kind == LIGHT_SKY ? PI : 1);
-    }
-    if (light->kind == LIGHT_SKY) {
-        static const char *const later[] = { "filename", "mapname", "portal" };
-        for (size_t i = 0; i < COUNT(later); i++)
-            pbrt_params_later(params, later[i]);
-    }
     if (!pbrt_params_done(params))
         return false;
     for (int i = 0; i < 3; i++) {
         light->radiance[i] = (float)rgb[i];
         if (!isfinite(light->radiance[i]) || !isfinite(built.position[i]))
             return pbrt_report_error(reader, &type->pos, "the light's numbers are too large");
+        picture.scale[i] = rgb[i];
     }
     if (rgb[0] == 0 && rgb[1] == 0 && rgb[2] == 0)
         return true;
-    if (light->kind == LIGHT_SKY)
+    if (picture.filename != NULL && !pbrt_environments_add(reader, &picture, light))
+        return false;
+    if (light->kind == LIGHT_SKY && light->environment == 0)
         return add_sky(reader, rgb);
     struct build_light *added = growing_add(&reader->build->lights, 1, sizeof(*added));
     if (added == NULL)

@@ -47,6 +47,7 @@ void scene_build_free(struct scene_build *build)
     growing_free(&build->texture_spaces);
     growing_free(&build->pictures);
     growing_free(&build->texels);
+    growing_free(&build->environments);
     scene_free(build->scene);
     free(build);
 }
@@ -436,6 +437,9 @@ static bool add_other_lights(struct scene_build *build, struct light_arrays *arr
         *light = from[i].light;
         for (int axis = 0; axis < 3; axis++)
             light->position[axis] = (float)(from[i].position[axis] - settings->center[axis]);
+        if (light->environment != 0)
+            build->scene->environments[light->environment - 1].light =
+                (uint32_t)arrays->lights.count - 1;
     }
     if (settings->sky[0] == 0 && settings->sky[1] == 0 && settings->sky[2] == 0)
         return true;
@@ -505,7 +509,8 @@ static bool place_all(struct scene_build *build, struct build_counts *counts, st
            GIVE(&build->coat_tables, COAT_TABLE_LEN, coat_tables, coat_table_count) &&
            GIVE(&build->textures, 1, textures, texture_count) &&
            GIVE(&build->pictures, 1, pictures, picture_count) &&
-           GIVE(&build->texels, TEXEL_BLOCK, texels, texel_block_count);
+           GIVE(&build->texels, TEXEL_BLOCK, texels, texel_block_count) &&
+           GIVE(&build->environments, 1, environments, environment_count);
 }
 
 /* Meshes that lost all their triangles have nothing left to say */

@@ -27,9 +27,9 @@ struct build_place {
     struct source_pos pos;
 };
 
-/* Point, spot and distant lights, with their place in double. */
+/* Lights without a surface, with their place in double; the constant sky is in the settings. */
 struct build_light {
-    struct light light; /* kind, radiance, direction, falloff */
+    struct light light; /* kind, radiance, direction, falloff, environment */
     double position[3];
 };
 
@@ -73,6 +73,7 @@ struct scene_build {
     struct growing texture_spaces; /* struct build_texture_space */
     struct growing pictures;       /* struct scene_picture, added by scene_pictures.h */
     struct growing texels;         /* TEXEL_BLOCK bytes each */
+    struct growing environments;   /* struct environment, but for the light that each belongs to */
 };
 
 /* NULL when memory runs out. scene_build_free(NULL) does nothing. */

@@ -79,7 +79,7 @@ refused bad.pbrt:5:20 '-0.1'
 bad 'ObjectInstance "ghost"'
 refused bad.pbrt:5:1 'ObjectInstance'
 bad 'LightSource "infinite" "string filename" "sky.exr"'
-refused bad.pbrt:5:24 'filename'
+refused bad.pbrt:5:42 'sky.exr'
 
 # --- Files
 bad 'Include "bad.pbrt"'

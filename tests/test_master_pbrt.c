@@ -714,9 +714,9 @@ static const struct bad_row {
         "type\" \"diffuse\"",
       "defined twice", ERR_SCENE },
     { W "LightSource \"pont\"", "the nearest is \"point\"", ERR_SCENE },
-    { W "LightSource \"goniometric\"", "not supported yet", ERR_UNSUPPORTED },
-    { W "LightSource \"infinite\" \"string filename\" \"sky.exr\"",
-      "\"filename\" of LightSource \"infinite\" is not", ERR_UNSUPPORTED },
+    { W "LightSource \"goniometric\"", "wants \"string filename\"", ERR_SCENE },
+    { W "AreaLightSource \"diffuse\" \"string filename\" \"sky.exr\"",
+      "\"filename\" of AreaLightSource \"diffuse\" is not", ERR_UNSUPPORTED },
     { W "LightSource \"spot\" \"point3 to\" [0 0 0]", "are the same point", ERR_SCENE },
     { W "LightSource \"spot\" \"float coneangle\" 200", "a cone of 200", ERR_SCENE },
     { W "LightSource \"point\" \"rgb I\" [1e30 0 0] \"float scale\" 1e20", "too large", ERR_SCENE },
@@ -801,7 +801,7 @@ static void leniency_replaces_and_counts(void **state)
         "radius\" 2 "
         "ObjectBegin \"o\" Shape \"sphere\" ObjectEnd ObjectInstance \"o\" ObjectInstance \"o\" "
         "MediumInterface \"a\" \"b\" Shape \"disk\" \"float raduis\" 2 "
-        "LightSource \"infinite\" \"string filename\" \"sky.exr\"";
+        "AreaLightSource \"diffuse\" \"string filename\" \"sky.exr\"";
     struct pbrt_options options = { .lenient = true };
     struct pbrt_notes notes;
     struct err err = { .text = "" };

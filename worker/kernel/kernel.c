@@ -76,10 +76,38 @@ static float light_extent(const struct scene *scene, const struct light *light)
     return extent;
 }
 
+static bool environments_open(struct kernel_scene *ks, struct err *err)
+{
+    const uint32_t count = ks->scene->environment_count;
+    if (count == 0)
+        return true;
+    ks->environments = calloc(count, sizeof(*ks->environments));
+    if (ks->environments == NULL)
+        return err_set(err, ERR_MEMORY, "no memory for %u environments", count);
+    for (uint32_t i = 0; i < count; i++)
+        if (!environment_open(&ks->environments[i], ks->scene, i, err))
+            return false;
+    return true;
+}
+
+static void environments_close(struct kernel_scene *ks)
+{
+    if (ks->environments == NULL)
+        return;
+    for (uint32_t i = 0; i < ks->scene->environment_count; i++)
+        environment_close(&ks->environments[i]);
+    free(ks->environments);
+}
+
+/* Scattering finds a constant sky as well as any light sampling could */
+static bool is_sampled(const struct light *light)
+{
+    return light->kind != LIGHT_SKY || light->environment != 0;
+}
+
 /*
  * Cumulative choice probabilities, half by power (`pick`) and half the same for all: power alone
- * would leave dim lights near a receiver to chance. The sky is left out, as scattering finds a
- * constant sky as well as any light sampling could.
+ * would leave dim lights near a receiver to chance.
  */
 static bool lights_open(struct kernel_scene *ks, struct err *err)
 {
@@ -99,7 +127,7 @@ static bool lights_open(struct kernel_scene *ks, struct err *err)
         if (light->kind == LIGHT_POLYGON && (int32_t)light->corner_count - 2 > ks->polygon_fans)
             ks->polygon_fans = (int32_t)light->corner_count - 2;
         ks->light_extent[i] = light_extent(scene, light);
-        if (light->kind != LIGHT_SKY) {
+        if (is_sampled(light)) {
             power += (double)light->pick;
             number++;
         }
@@ -108,7 +136,7 @@ static bool lights_open(struct kernel_scene *ks, struct err *err)
     double sum = 0, left = number;
     for (uint32_t i = 0; i < n; i++) {
         const struct light *light = &scene->lights[i];
-        if (light->kind != LIGHT_SKY) {
+        if (is_sampled(light)) {
             double by_power = power > 0 ? (double)light->pick / power : 1 / number;
             sum += 0.5 * by_power + 0.5 / number;
             left--;
@@ -120,7 +148,7 @@ static bool lights_open(struct kernel_scene *ks, struct err *err)
     ks->light_steps = 1;
     while ((uint32_t)ks->light_steps * 2 < n)
         ks->light_steps *= 2;
-    return true;
+    return environments_open(ks, err);
 }
 
 /* ---- textures */
@@ -356,6 +384,7 @@ void kernel_close(struct kernel_scene *ks)
         rtcReleaseScene(ks->rtc);
     if (ks->device != NULL)
         rtcReleaseDevice(ks->device);
+    environments_close(ks);
     free(ks->light_cdf);
     free(ks->light_pmf);
     free(ks->light_extent);

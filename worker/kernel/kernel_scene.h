@@ -10,6 +10,7 @@
 #include "common/sampler.h"
 #include "common/scene.h"
 #include "worker/kernel/embree.h"
+#include "worker/kernel/environment.h"
 #include "worker/kernel/filter.h"
 #include "worker/kernel/textured.h"
 
@@ -39,15 +40,16 @@ struct kernel_scene {
     struct filter_table filter;
     struct path_dfa dfa;
 
-    /* Lights that are sampled: all but the sky, which scattering finds by itself */
+    /* Lights that are sampled: all but the constant sky, which scattering finds by itself */
     uint32_t light_count;
     int32_t light_steps; /* largest power of two below light_count */
     float *light_cdf;    /* light_count + 1 entries, from 0 to 1 */
     float *light_pmf;    /* differences of light_cdf */
     float *light_extent; /* largest coordinate or radius: its points are rounded relative to this */
-    int32_t polygon_fans; /* triangles of the widest polygon's fan, at least 2 */
-    int lights_sampled;   /* any light with pmf > 0 */
-    float far_distance;   /* beyond everything in the scene */
+    int32_t polygon_fans;                   /* triangles of the widest polygon's fan, at least 2 */
+    int lights_sampled;                     /* any light with pmf > 0 */
+    float far_distance;                     /* beyond everything in the scene */
+    struct environment_table *environments; /* scene->environment_count */
 
     /* Textures */
     struct texture_set *textures;

@@ -4,16 +4,17 @@
  *
  * Area lights are sampled over what the receiver sees of them: polygons uniformly in solid angle as
  * a fan of spherical triangles, spheres over their visible cone; disks, and receivers inside a
- * sphere, uniformly in area. `pdf` is per solid angle at the receiver, the choice of the light
- * included; delta lights have `delta` set and pdf the probability of the choice.
- * pdf_position (per area) and pdf_direction (per solid angle) are the densities of emission from
- * there, for methods that start at the light.
+ * sphere, uniformly in area. Skies with an environment are sampled by its radiance. `pdf` is per
+ * solid angle at the receiver, the choice of the light included; delta lights have `delta` set and
+ * pdf the probability of the choice. pdf_position (per area) and pdf_direction (per solid angle)
+ * are the densities of emission from there, for methods that start at the light.
  */
 #ifndef WORKER_KERNEL_LIGHT_H
 #define WORKER_KERNEL_LIGHT_H
 
 #include "common/elem.h"
 #include "worker/kernel/bsdf.h"
+#include "worker/kernel/environment.h"
 #include "worker/kernel/frame.h"
 #include "worker/kernel/kernel_scene.h"
 
@@ -431,6 +432,44 @@ LANE_FN f8 spot_falloff(const struct kernel_scene *ks, unsigned fx, i8 light, f8
     return f8_select(width > 0, smooth, step);
 }
 
+/* What a point light with an environment sends along w; `intensity` where it has none */
+LANE_FN struct vec3x8 point_intensity(const struct kernel_scene *ks, unsigned fx, i8 valid,
+                                      i8 light, struct vec3x8 w, struct vec3x8 intensity)
+{
+    i8 environment = LIGHT_I(environment) - 1;
+    for (uint32_t e = 0; e < ks->scene->environment_count; e++) {
+        i8 lanes = valid & (environment == (int32_t)e);
+        if (i8_any(lanes)) {
+            struct vec3x8 seen = environment_radiance(&ks->environments[e], w);
+            intensity = vec3x8_select(lanes, seen, intensity);
+        }
+    }
+    return intensity;
+}
+
+/* The sky's part of light_sample, for the lanes whose light is one with an environment */
+LANE_FN void sky_sample(const struct kernel_scene *ks, unsigned fx, i8 sky, i8 light,
+                        struct vec3x8 p, f8 chosen, f8 u, f8 v, struct light_sample8 *out)
+{
+    i8 environment = LIGHT_I(environment) - 1;
+    f8 far = F8(ks->far_distance);
+    for (uint32_t e = 0; e < ks->scene->environment_count; e++) {
+        i8 lanes = sky & (environment == (int32_t)e);
+        if (!i8_any(lanes))
+            continue;
+        struct environment_sample8 s = environment_sample(&ks->environments[e], u, v);
+        out->wi = vec3x8_select(lanes, s.wi, out->wi);
+        out->point = vec3x8_select(lanes, vec3x8_along(p, s.wi, far), out->point);
+        out->distance = f8_select(lanes, far, out->distance);
+        out->radiance = vec3x8_select(lanes, s.L, out->radiance);
+        out->pdf = f8_select(lanes, s.pdf, out->pdf);
+        f8 disk = chosen * PI_INV_F / (far * far);
+        out->pdf_position = f8_select(lanes, disk, out->pdf_position);
+        out->pdf_direction = f8_select(lanes, s.pdf, out->pdf_direction);
+        out->valid |= lanes;
+    }
+}
+
 /*
  * Choose a light by `pick` and a point on it by (u, v), as seen from p. Lanes that get no light
  * (the light faces away, has no extent seen from here) come back with valid = 0.
@@ -549,6 +588,8 @@ LANE_FN struct light_sample8 light_sample(const struct kernel_scene *ks, unsigne
             f8 shape = spot_falloff(ks, fx, light, -vec3x8_dot(wi, direction));
             falloff = f8_select(spot, falloff * shape, falloff);
             i8 delta = point | distant;
+            if (fx & FX_ENVIRONMENT)
+                out.radiance = point_intensity(ks, fx, point, light, vec3x8_neg(wi), out.radiance);
             f8 far = F8(ks->far_distance);
             out.wi = vec3x8_select(delta, wi, out.wi);
             out.distance = f8_select(delta, f8_select(distant, far, l), out.distance);
@@ -561,6 +602,12 @@ LANE_FN struct light_sample8 light_sample(const struct kernel_scene *ks, unsigne
             out.delta = delta;
             out.valid |= delta & (distant | (l2 > 0)) & (falloff > 0);
         }
+    }
+
+    if (fx & FX_ENVIRONMENT) {
+        i8 sky = valid & (kind == LIGHT_SKY);
+        if (i8_any(sky))
+            sky_sample(ks, fx, sky, light, p, chosen, u, v, &out);
     }
 
     out.pdf = out.pdf * chosen;

@@ -256,6 +256,28 @@ LANE_FN u8 vertex_dimension(const struct path8 *path, unsigned purpose)
     return sample_dimension(SAMPLE_FROM_CAMERA, (u8)path->events + 1, purpose);
 }
 
+/* Radiance of the paths after those of `sky` found the environments, each weighted against light
+ * sampling from the vertex before */
+LANE_FN struct vec3x8 sky_seen(const struct kernel_scene *ks, unsigned fx, i8 sky,
+                               const struct path8 *path)
+{
+    struct vec3x8 L = path->L;
+    if (!i8_any(sky))
+        return L;
+    i8 rival = path->pdf > 0;
+    for (uint32_t e = 0; e < ks->scene->environment_count; e++) {
+        const struct environment_table *env = &ks->environments[e];
+        if (ks->scene->lights[env->light].kind != LIGHT_SKY)
+            continue;
+        struct environment_sample8 seen = environment_seen(env, path->d);
+        f8 pdf_light = seen.pdf * light_pick(ks, fx, I8((int32_t)env->light));
+        f8 w = f8_select(rival, mis_weight(path->pdf, pdf_light), F8(1));
+        struct vec3x8 found = vec3x8_mul(vec3x8_scale(path->beta, w), seen.L);
+        L = vec3x8_add_where(sky, L, found);
+    }
+    return L;
+}
+
 /*
  * Trace every sample of a leaf: B samples of each pixel of the tile, in lanes that start empty and
  * take the next sample as soon as their path ends. What is left in thread->radiance does not depend
@@ -338,7 +360,7 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         sampler_2d(&ks->sampler, any, &path.key, vertex_dimension(&path, SAMPLE_BSDF_DIRECTION),
                    &scatter_u, &scatter_v);
 
-        /* Paths that leave the scene find the sky, which no light sampling competes for */
+        /* Paths that leave the scene find the sky; with the constant one nothing competes */
         if (fx & FX_SKY) {
             i8 sky = active & ~hit;
             if (fx & FX_PATHS)
@@ -346,6 +368,12 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
             const float *c = scene->settings.sky;
             struct vec3x8 seen = vec3x8_mul(path.beta, vec3x8_all(c[0], c[1], c[2]));
             path.L = vec3x8_add_where(sky, path.L, seen);
+        }
+        if (fx & FX_ENVIRONMENT) {
+            i8 sky = active & ~hit;
+            if (fx & FX_PATHS)
+                sky &= i8_gather(ks->dfa.accepts, path.state);
+            path.L = sky_seen(ks, fx, sky, &path);
         }
 
         struct surface8 s = hit_surface(ks, fx, hit, geometry, prim, &corners, path.o, path.d,

@@ -1,0 +1,121 @@
+#include "worker/kernel/environment.h"
+
+#include "common/direction_map.h"
+#include "common/elem.h"
+#include "common/err.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define PI      3.14159265358979323846
+#define CHANCES (1u << 24)
+
+/*
+ * Chances before each of `count` bins into below[stride * i], the end included: in proportion to
+ * weights, and at least one where the weight is above zero. Sums are double: beside one huge weight
+ * no small one is lost.
+ */
+static void share_chances(const double *weights, uint32_t count, uint32_t *below, size_t stride)
+{
+    double total = 0, sum = 0;
+    uint32_t positive = 0, before = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        total += weights[i];
+        positive += weights[i] > 0;
+    }
+    bool dark = positive == 0;
+    if (dark) {
+        positive = count;
+        total = count;
+    }
+    for (uint32_t i = 0; i < count; i++) {
+        below[stride * i] = (uint32_t)(sum / total * (CHANCES - positive)) + before;
+        sum += dark ? 1 : weights[i];
+        before += dark || weights[i] > 0;
+    }
+    below[stride * count] = CHANCES;
+}
+
+static int32_t steps_of(uint32_t count)
+{
+    int32_t steps = 1;
+    while ((uint32_t)steps * 2 < count)
+        steps *= 2;
+    return steps;
+}
+
+/* Radiance of row y, and its luminances; returns the sum of these */
+static double read_row(struct environment_table *table, const struct scene *scene,
+                       const struct environment *environment, uint32_t y, double *luminance)
+{
+    const struct scene_picture *picture = &scene->pictures[environment->picture];
+    struct environment_texel *row = table->texels + (size_t)y * (picture->width + 1);
+    double sum = 0;
+    for (uint32_t x = 0; x < picture->width; x++) {
+        double rgb[3];
+        direction_map_texel(picture, scene->texels, x, y, rgb);
+        for (int c = 0; c < 3; c++)
+            row[x].L[c] = (float)fmin(rgb[c] * (double)environment->scale[c], (double)FLT_MAX);
+        luminance[x] = 0.2126 * (double)row[x].L[0] + 0.7152 * (double)row[x].L[1] +
+                       0.0722 * (double)row[x].L[2];
+        sum += luminance[x];
+    }
+    memset(row[picture->width].L, 0, sizeof(row[picture->width].L));
+    return sum;
+}
+
+bool environment_open(struct environment_table *table, const struct scene *scene, uint32_t index,
+                      struct err *err)
+{
+    const struct environment *environment = &scene->environments[index];
+    const struct scene_picture *picture = &scene->pictures[environment->picture];
+    const uint32_t width = picture->width, height = picture->height;
+    const size_t texel_count = (size_t)height * (width + 1);
+    double *weights = malloc(((size_t)width + height) * sizeof(*weights));
+    table->texels = malloc(texel_count * sizeof(*table->texels));
+    table->rows = malloc(((size_t)height + 1) * sizeof(*table->rows));
+    table->row_density = malloc((size_t)height * sizeof(*table->row_density));
+    table->row_bounds = malloc(((size_t)height + 1) * sizeof(*table->row_bounds));
+    if (weights == NULL || table->texels == NULL || table->rows == NULL ||
+        table->row_density == NULL || table->row_bounds == NULL) {
+        free(weights);
+        return err_set(err, ERR_MEMORY, "no memory for an environment of %ux%u", width, height);
+    }
+    table->width = (int32_t)width;
+    table->height = (int32_t)height;
+    table->layout = (int32_t)environment->layout;
+    table->light = environment->light;
+    table->column_steps = steps_of(width);
+    table->row_steps = steps_of(height);
+    memcpy(table->to_light, environment->to_light, sizeof(table->to_light));
+
+    double *row_weights = weights + width;
+    for (uint32_t y = 0; y < height; y++) {
+        double sum = read_row(table, scene, environment, y, weights);
+        row_weights[y] = sum * direction_map_omega(environment->layout, width, height, y);
+        share_chances(weights, width, &table->texels[(size_t)y * (width + 1)].below,
+                      sizeof(*table->texels) / sizeof(uint32_t));
+    }
+    share_chances(row_weights, height, table->rows, 1);
+    for (uint32_t y = 0; y < height; y++) {
+        double chance = (double)(table->rows[y + 1] - table->rows[y]) / CHANCES / CHANCES;
+        double omega = direction_map_omega(environment->layout, width, height, y);
+        table->row_density[y] = (float)(chance / omega);
+    }
+    for (uint32_t y = 0; y <= height; y++) {
+        double half = elem_sin(PI / 2 * y / height);
+        table->row_bounds[y] = (float)(half * half);
+    }
+    free(weights);
+    return true;
+}
+
+void environment_close(struct environment_table *table)
+{
+    free(table->texels);
+    free(table->rows);
+    free(table->row_density);
+    free(table->row_bounds);
+}
