@@ -226,7 +226,7 @@ static bool meshes_attach(struct kernel_scene *ks, struct err *err)
                                    scene->triangles, (size_t)mesh->first_triangle * 12, 12,
                                    mesh->triangle_count);
         if (mesh->alpha != 0) {
-            rtcSetGeometryUserData(geometry, &ks->alpha_meshes[i]);
+            rtcSetGeometryUserData(geometry, &ks->alpha_meshes[mesh - scene->meshes]);
             rtcSetGeometryIntersectFilterFunction(geometry, alpha_filter);
             rtcSetGeometryOccludedFilterFunction(geometry, alpha_filter);
         }

@@ -487,8 +487,8 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
             struct bsdf_eval8 f = bsdf_eval(&bsdf, fx, TRANSPORT_RADIANCE, ls.valid, wo, wi);
             i8 worth = ls.valid & (vec3x8_max(f.f_cos) > 0);
             f8 wi_side = vec3x8_dot(s.ng, ls.wi);
-            if (fx &
-                (FX_SMOOTH_NORMALS | FX_BUMP)) /* no light through the surface (NUMERICS H15) */
+            /* No light through the surface (NUMERICS H15) */
+            if (fx & (FX_SMOOTH_NORMALS | FX_BUMP))
                 worth &= ((wo.z * wi.z > 0) == (wo_side * wi_side > 0));
             if (i8_any(worth)) {
                 struct vec3x8 o = vec3x8_along(s.p, s.ng, f8_mulsign(s.spawn, wi_side));
