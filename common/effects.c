@@ -76,6 +76,10 @@ uint32_t scene_effects(const struct scene *scene)
     for (uint32_t i = 0; i < scene->mesh_count; i++)
         mask |= (scene->meshes[i].flags & MESH_NORMALS ? FX_SMOOTH_NORMALS : 0) |
                 (scene->meshes[i].alpha != 0 ? FX_TEXTURE : 0);
+    if (scene->instance_count > 0)
+        mask |= FX_INSTANCE;
+    if (scene->motion_count > 0)
+        mask |= FX_MOTION;
     if (settings->camera.lens_radius > 0)
         mask |= FX_LENS;
     if (settings->camera.kind == CAMERA_ORTHOGRAPHIC)

@@ -38,7 +38,9 @@ struct scene;
     X(ENVIRONMENT, 23, "environment", "light from infinity that changes with direction") \
     X(THIN, 24, "thin", "sheets: thin glass and diffuse transmission")                   \
     X(COATED_CONDUCTOR, 25, "coated-conductor", "a dielectric coat over metal")          \
-    X(ANISOTROPIC, 26, "anisotropic", "roughness that depends on direction")
+    X(ANISOTROPIC, 26, "anisotropic", "roughness that depends on direction")             \
+    X(INSTANCE, 27, "instance", "shapes that stand in several places, stored once")      \
+    X(MOTION, 28, "motion", "things that move while the shutter is open")
 
 enum effect {
 #define X(name, bit, printed, meaning) FX_##name = 1u << (bit),

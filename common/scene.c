@@ -11,6 +11,7 @@
 #define RESOLUTION_MAX  65536
 #define PICTURE_MAX     (1 << 20) /* texels of a side */
 #define ENVIRONMENT_MAX (1 << 28) /* texels of an environment */
+#define INSTANCE_MAX    (1 << 26) /* an offset into the array fits 32 bits */
 
 struct scene *scene_new(void)
 {
@@ -34,6 +35,7 @@ struct scene *scene_new(void)
     settings->filter = (struct filter_spec){ .kind = FILTER_BOX, .radius = { 0.5f, 0.5f } };
     settings->sampler = SAMPLER_SOBOL;
     settings->max_depth = SCENE_NONE;
+    settings->shutter[1] = 1;
     settings->sky_light = SCENE_NONE;
     return scene;
 }
@@ -95,6 +97,11 @@ static bool check_settings(const struct scene *scene, struct err *err)
     if (filter->kind == FILTER_GAUSSIAN && !(filter->sigma > 0))
         return err_set(err, ERR_SCENE, "the gaussian filter's sigma is %g", filter->sigma);
 
+    if (!all_finite(settings->shutter, 2) || !(settings->shutter[0] <= settings->shutter[1]))
+        return err_set(err, ERR_SCENE, "the shutter is open from %g to %g", settings->shutter[0],
+                       settings->shutter[1]);
+    if (settings->camera_motion > scene->motion_count)
+        return err_set(err, ERR_SCENE, "the camera: no motion %u", settings->camera_motion);
     if (settings->sampler >= SAMPLER_COUNT)
         return err_set(err, ERR_SCENE, "unknown sampler kind %u", settings->sampler);
     if (!all_finite(settings->sky, 3))
@@ -165,6 +172,74 @@ static bool check_quadric(const struct scene *scene, uint32_t index, struct err 
         return err_set(err, ERR_SCENE, "quadric %u: no material %u", index, quadric->material);
     if (quadric->light != SCENE_NONE && quadric->light >= scene->light_count)
         return err_set(err, ERR_SCENE, "quadric %u: no light %u", index, quadric->light);
+    return true;
+}
+
+/* Is b the inverse of a? As far as the rounding of both lets one see. */
+static bool are_inverse(const float a[12], const float b[12])
+{
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 4; j++) {
+            double sum = j == 3 ? b[4 * i + 3] : 0, size = fabs(sum) + (i == j);
+            for (int k = 0; k < 3; k++) {
+                sum += (double)b[4 * i + k] * a[4 * k + j];
+                size += fabs((double)b[4 * i + k] * a[4 * k + j]);
+            }
+            if (!(fabs(sum - (i == j)) <= 1e-5 * size))
+                return false;
+        }
+    return true;
+}
+
+static bool check_instance(const struct scene *scene, uint32_t index, struct err *err)
+{
+    const struct instance *instance = &scene->instances[index];
+    if (instance->group >= scene->group_count)
+        return err_set(err, ERR_SCENE, "instance %u: no group %u", index, instance->group);
+    if (instance->motion > scene->motion_count)
+        return err_set(err, ERR_SCENE, "instance %u: no motion %u", index, instance->motion);
+    if (instance->motion != 0)
+        return true;
+    if (!all_finite(instance->to_world, 12) || !all_finite(instance->to_object, 12))
+        return err_set(err, ERR_SCENE, "instance %u has a number that is not finite", index);
+    if (!are_inverse(instance->to_world, instance->to_object))
+        return err_set(err, ERR_SCENE, "instance %u: its two transforms are not inverse", index);
+    return true;
+}
+
+static bool check_motion(const struct scene *scene, uint32_t index, struct err *err)
+{
+    const struct motion *motion = &scene->motions[index];
+    if (!all_finite(&motion->translation[0][0], 6) || !all_finite(&motion->rotation[0][0], 8) ||
+        !all_finite(&motion->stretch[0][0], 18) || !(motion->angle >= 0 && motion->angle < 1.6f))
+        return err_set(err, ERR_SCENE, "motion %u has a number that is not valid", index);
+    return true;
+}
+
+/* Behind the shapes of no group come those of the groups, in order and without gaps */
+static bool check_groups(const struct scene *scene, struct err *err)
+{
+    if (scene->instance_count > INSTANCE_MAX)
+        return err_set(err, ERR_SCENE, "%u instances; %d are possible", scene->instance_count,
+                       INSTANCE_MAX);
+    uint64_t mesh = 0, quadric = 0;
+    for (uint32_t i = 0; i < scene->group_count; i++) {
+        const struct group *group = &scene->groups[i];
+        if (i > 0 && (group->first_mesh != mesh || group->first_quadric != quadric))
+            return err_set(err, ERR_SCENE, "group %u does not follow the one before", i);
+        mesh = (uint64_t)group->first_mesh + group->mesh_count;
+        quadric = (uint64_t)group->first_quadric + group->quadric_count;
+        if (mesh > scene->mesh_count || quadric > scene->quadric_count)
+            return err_set(err, ERR_SCENE, "group %u reaches beyond the arrays", i);
+        for (uint64_t k = group->first_mesh; k < mesh; k++)
+            if (scene->meshes[k].first_emissive != SCENE_NONE)
+                return err_set(err, ERR_SCENE, "a mesh of group %u emits", i);
+        for (uint64_t k = group->first_quadric; k < quadric; k++)
+            if (scene->quadrics[k].light != SCENE_NONE)
+                return err_set(err, ERR_SCENE, "a quadric of group %u emits", i);
+    }
+    if (scene->group_count > 0 && (mesh != scene->mesh_count || quadric != scene->quadric_count))
+        return err_set(err, ERR_SCENE, "shapes follow behind the last group");
     return true;
 }
 
@@ -357,6 +432,14 @@ bool scene_check(const struct scene *scene, struct err *err)
             return false;
     for (uint32_t i = 0; i < scene->quadric_count; i++)
         if (!check_quadric(scene, i, err))
+            return false;
+    if (!check_groups(scene, err))
+        return false;
+    for (uint32_t i = 0; i < scene->instance_count; i++)
+        if (!check_instance(scene, i, err))
+            return false;
+    for (uint32_t i = 0; i < scene->motion_count; i++)
+        if (!check_motion(scene, i, err))
             return false;
     for (uint32_t i = 0; i < scene->picture_count; i++)
         if (!check_picture(scene, i, err))

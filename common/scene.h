@@ -77,14 +77,16 @@ struct scene_settings {
     uint32_t width, height; /* of the full image, pixels */
     uint32_t crop[4];       /* x0, x1, y0, y1: rendered are x0 <= x < x1, y0 <= y < y1 */
     struct filter_spec filter;
-    uint32_t sampler;     /* enum sampler_kind */
-    uint32_t sampler_spp; /* what the scene file asks for; 0 when it does not */
-    uint32_t max_depth;   /* scattering events; SCENE_NONE when unlimited */
-    uint32_t effects;     /* scene_effects() of this scene */
-    uint32_t has_normals; /* any mesh with MESH_NORMALS */
-    float sky[3];         /* radiance from infinity: the sum of constant infinite lights */
-    uint32_t sky_light;   /* index of its entry in lights, or SCENE_NONE */
-    uint32_t reserved[8]; /* zero */
+    uint32_t sampler;       /* enum sampler_kind */
+    uint32_t sampler_spp;   /* what the scene file asks for; 0 when it does not */
+    uint32_t max_depth;     /* scattering events; SCENE_NONE when unlimited */
+    uint32_t effects;       /* scene_effects() of this scene */
+    uint32_t has_normals;   /* any mesh with MESH_NORMALS */
+    float sky[3];           /* radiance from infinity: the sum of constant infinite lights */
+    uint32_t sky_light;     /* index of its entry in lights, or SCENE_NONE */
+    uint32_t camera_motion; /* 1 + index into motions, then in place of camera's vectors; or 0 */
+    float shutter[2];       /* when it opens and closes, in units of the motions */
+    uint32_t reserved[5];   /* zero */
 };
 
 enum mesh_flag {
@@ -132,6 +134,41 @@ struct quadric {
     float world_radius; /* radius in world units when QUADRIC_SIMILARITY */
     uint32_t material;  /* as in struct mesh */
     uint32_t light;     /* or SCENE_NONE */
+};
+
+/*
+ * Shapes that are stored once and stand in several places, or that move: meshes [first_mesh,
+ * first_mesh + mesh_count) and quadrics likewise. They are in the group's own space and are seen
+ * through instances only. In both arrays the shapes of no group come first, then those of each
+ * group in turn. Shapes of a group never emit: what emits stands in the world, once per instance,
+ * so that every light knows where it is.
+ */
+struct group {
+    uint32_t first_mesh, mesh_count;
+    uint32_t first_quadric, quadric_count;
+};
+
+/*
+ * A group in the world: world = to_world (object, 1) and back, row-major 3x4, in re-centred world
+ * space. Each is rounded from its own doubles, neither from the other.
+ */
+struct instance {
+    uint32_t group;
+    uint32_t motion; /* 1 + index into motions, then in place of the matrices; or 0 */
+    float to_world[12], to_object[12];
+};
+
+/*
+ * A transform that changes: at time s, from 0 to 1, world = T + R S object, with T and S linear in
+ * s and R the rotation by the quaternion slerp(q[0], q[1], s) = (x, y, z, w), after pbrt-v4. q[0]
+ * and q[1] are unit, on the same side, and `angle` apart (of a quaternion: half that of the turn).
+ * Before 0 and after 1 nothing moves.
+ */
+struct motion {
+    float translation[2][3];
+    float rotation[2][4];
+    float stretch[2][9]; /* S: symmetric but for rounding, row-major; may mirror */
+    float angle;
 };
 
 /*
@@ -372,26 +409,35 @@ struct scene {
     uint32_t texel_block_count; /* TEXEL_BLOCK bytes each */
     struct environment *environments;
     uint32_t environment_count;
+    struct group *groups;
+    uint32_t group_count;
+    struct instance *instances;
+    uint32_t instance_count;
+    struct motion *motions;
+    uint32_t motion_count;
 };
 
 /* The arrays, for code that treats all alike: member, count member, element type, per count */
-#define SCENE_ARRAYS(X)                                     \
-    X(positions, vertex_count, float, 3)                    \
-    X(normals, normal_count, float, 3)                      \
-    X(uvs, uv_count, float, 2)                              \
-    X(triangles, triangle_count, uint32_t, 3)               \
-    X(meshes, mesh_count, struct mesh, 1)                   \
-    X(quadrics, quadric_count, struct quadric, 1)           \
-    X(materials, material_count, struct material, 1)        \
-    X(coat_tables, coat_table_count, float, COAT_TABLE_LEN) \
-    X(lights, light_count, struct light, 1)                 \
-    X(light_corners, light_corner_count, float, 3)          \
-    X(triangle_light, triangle_light_count, uint32_t, 1)    \
-    X(colors, color_count, float, 4)                        \
-    X(textures, texture_count, struct texture, 1)           \
-    X(pictures, picture_count, struct scene_picture, 1)     \
-    X(texels, texel_block_count, uint8_t, TEXEL_BLOCK)      \
-    X(environments, environment_count, struct environment, 1)
+#define SCENE_ARRAYS(X)                                       \
+    X(positions, vertex_count, float, 3)                      \
+    X(normals, normal_count, float, 3)                        \
+    X(uvs, uv_count, float, 2)                                \
+    X(triangles, triangle_count, uint32_t, 3)                 \
+    X(meshes, mesh_count, struct mesh, 1)                     \
+    X(quadrics, quadric_count, struct quadric, 1)             \
+    X(materials, material_count, struct material, 1)          \
+    X(coat_tables, coat_table_count, float, COAT_TABLE_LEN)   \
+    X(lights, light_count, struct light, 1)                   \
+    X(light_corners, light_corner_count, float, 3)            \
+    X(triangle_light, triangle_light_count, uint32_t, 1)      \
+    X(colors, color_count, float, 4)                          \
+    X(textures, texture_count, struct texture, 1)             \
+    X(pictures, picture_count, struct scene_picture, 1)       \
+    X(texels, texel_block_count, uint8_t, TEXEL_BLOCK)        \
+    X(environments, environment_count, struct environment, 1) \
+    X(groups, group_count, struct group, 1)                   \
+    X(instances, instance_count, struct instance, 1)          \
+    X(motions, motion_count, struct motion, 1)
 
 /* An empty scene with default settings; NULL when memory runs out. scene_free(NULL) is fine. */
 struct scene *scene_new(void);

@@ -26,7 +26,7 @@ static bool on_world_begin(struct pbrt_reader *reader, const struct pbrt_token *
     if (reader->in_world)
         return pbrt_report_error(reader, &directive->pos, "a second WorldBegin");
     reader->in_world = true;
-    reader->state.only_end_time = false;
+    reader->state.fixed_start = reader->state.fixed_end = false;
     return pbrt_transforms_identity(reader, directive);
 }
 

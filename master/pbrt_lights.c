@@ -127,6 +127,9 @@ bool pbrt_lights_add(struct pbrt_reader *reader, const struct pbrt_token *type)
     if (found == NULL)
         return true;
 
+    if (pbrt_state_moves(&reader->state) &&
+        !pbrt_report_later(reader, &type->pos, "a light that moves"))
+        return false;
     bool pictured = found->value == GONIOMETRIC || found->value == PROJECTION;
     struct pbrt_environment picture = { .kind = found->value == GONIOMETRIC  ? PBRT_GONIOMETRIC
                                                 : found->value == PROJECTION ? PBRT_PROJECTION

@@ -40,13 +40,18 @@ const struct pbrt_name *pbrt_names_find(const struct pbrt_name *names, size_t co
     return NULL;
 }
 
+size_t pbrt_names_distance(const char *string, const char *text, size_t length)
+{
+    return edit_distance(string, strlen(string), text, length);
+}
+
 const char *pbrt_names_nearest_of(const char *const *names, size_t count, const char *text,
                                   size_t length)
 {
     const char *nearest = NULL;
     size_t least = SIZE_MAX;
     for (size_t i = 0; i < count; i++) {
-        size_t distance = edit_distance(names[i], strlen(names[i]), text, length);
+        size_t distance = pbrt_names_distance(names[i], text, length);
         if (distance < least) {
             least = distance;
             nearest = names[i];

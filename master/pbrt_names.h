@@ -33,6 +33,9 @@ const struct pbrt_name *pbrt_names_find(const struct pbrt_name *names, size_t co
 const char *pbrt_names_nearest(const struct pbrt_name *names, size_t count,
                                const struct pbrt_token *token);
 
+/* Steps from a string to a name of `length` characters: what "nearest" means. */
+size_t pbrt_names_distance(const char *string, const char *text, size_t length);
+
 /* The same among plain strings. */
 const char *pbrt_names_nearest_of(const char *const *names, size_t count, const char *text,
                                   size_t length);

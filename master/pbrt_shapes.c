@@ -234,11 +234,42 @@ static bool add_quadric(struct pbrt_reader *reader, const struct build_place *pl
             return false;
         built.place.emitter = SCENE_NONE;
     }
-    struct build_quadric *added = growing_add(&reader->build->quadrics, 1, sizeof(*added));
-    if (added == NULL)
-        return pbrt_report_no_memory(reader);
-    *added = built;
-    return true;
+    return scene_build_add_quadric(reader->build, &built, reader->err);
+}
+
+/* --- All of them -------------------------------------------------------------------------- */
+
+static bool add_shape(struct pbrt_reader *reader, const struct pbrt_name *kind,
+                      const struct build_place *place)
+{
+    switch (kind->value) {
+    case SHAPE_MESH:
+        return add_mesh(reader, place);
+    case SHAPE_PLY:
+        return add_ply(reader, place);
+    default:
+        return add_quadric(reader, place, kind->value == SHAPE_SPHERE);
+    }
+}
+
+/* A group of one shape, in the shape's own space, with an instance that moves */
+static bool add_moving(struct pbrt_reader *reader, const struct pbrt_name *kind,
+                       struct build_place *place)
+{
+    uint32_t group;
+    if (pbrt_objects_inside(&reader->objects))
+        return pbrt_report_later(reader, &place->pos, "motion inside of an object") &&
+               add_shape(reader, kind, place);
+    if (place->emitter != SCENE_NONE &&
+        !pbrt_report_later(reader, &place->pos, "light from what moves"))
+        return false;
+    place->emitter = SCENE_NONE;
+    place->to_world = transform_identity();
+    scene_build_group_begin(reader->build);
+    bool added = add_shape(reader, kind, place);
+    scene_build_group_end(reader->build, &group);
+    return added && scene_build_add_moving(reader->build, group, &reader->state.ctm,
+                                           &reader->state.ctm_end, &place->pos, reader->err);
 }
 
 bool pbrt_shapes_add(struct pbrt_reader *reader, const struct pbrt_token *type)
@@ -246,7 +277,7 @@ bool pbrt_shapes_add(struct pbrt_reader *reader, const struct pbrt_token *type)
     const struct pbrt_name *found;
     if (!pbrt_names_choose(reader, "shape", kinds, COUNT(kinds), type, &found))
         return false;
-    if (found == NULL || pbrt_objects_inside(&reader->objects))
+    if (found == NULL)
         return true; /* lenient, and noted already */
     struct build_place place;
     if (!place_here(reader, &type->pos, &place))
@@ -256,12 +287,6 @@ bool pbrt_shapes_add(struct pbrt_reader *reader, const struct pbrt_token *type)
         return false;
     if (none)
         return true;
-    switch (found->value) {
-    case SHAPE_MESH:
-        return add_mesh(reader, &place);
-    case SHAPE_PLY:
-        return add_ply(reader, &place);
-    default:
-        return add_quadric(reader, &place, found->value == SHAPE_SPHERE);
-    }
+    return pbrt_state_moves(&reader->state) ? add_moving(reader, found, &place)
+                                            : add_shape(reader, found, &place);
 }

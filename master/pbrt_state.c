@@ -13,10 +13,18 @@ struct pbrt_frame {
 
 void pbrt_state_start(struct pbrt_reader *reader)
 {
-    reader->state.ctm = transform_identity();
+    reader->state.ctm = reader->state.ctm_end = transform_identity();
     reader->state.emitter = SCENE_NONE;
     for (int i = 0; i < TARGETS; i++)
         reader->stack.defaults[i].reader = reader;
+}
+
+bool pbrt_state_moves(const struct pbrt_state *state)
+{
+    for (int i = 0; i < 16; i++)
+        if (state->ctm.m[i / 4][i % 4] != state->ctm_end.m[i / 4][i % 4])
+            return true;
+    return false;
 }
 
 void pbrt_state_free(struct pbrt_stack *stack)
@@ -49,6 +57,8 @@ bool pbrt_state_attribute_end(struct pbrt_reader *reader, const struct pbrt_toke
 {
     if (reader->stack.frames.count == 0)
         return pbrt_report_error(reader, &directive->pos, "AttributeEnd without an AttributeBegin");
+    if (!pbrt_objects_may_close(reader, directive))
+        return false;
     const struct pbrt_frame *frame = (struct pbrt_frame *)reader->stack.frames.data +
                                      --reader->stack.frames.count;
     reader->state = frame->state;

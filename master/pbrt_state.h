@@ -31,11 +31,12 @@ enum pbrt_target {
 };
 
 struct pbrt_state {
-    struct transform ctm; /* world from object, or camera from world before WorldBegin */
+    struct transform ctm;     /* world from object, or camera from world before WorldBegin */
+    struct transform ctm_end; /* the same at the end of a motion; equal to ctm if there is none */
     bool reverse_orientation;
-    bool only_end_time; /* ActiveTransform EndTime: no effect on what does not move */
-    uint32_t material;  /* index of a definition */
-    uint32_t emitter;   /* index of an area light, or SCENE_NONE */
+    bool fixed_start, fixed_end; /* ActiveTransform: of these two, the other is meant alone */
+    uint32_t material;           /* index of a definition */
+    uint32_t emitter;            /* index of an area light, or SCENE_NONE */
     struct {
         size_t items, numbers, strings; /* how much of stack.defaults there was; on the stack */
     } defaults[TARGETS];
@@ -47,6 +48,7 @@ struct pbrt_stack {
 };
 
 void pbrt_state_start(struct pbrt_reader *reader);
+bool pbrt_state_moves(const struct pbrt_state *state);
 void pbrt_state_free(struct pbrt_stack *stack);
 
 /* Directives: each reads what follows its word. False: the reader's err is set. */

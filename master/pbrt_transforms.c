@@ -11,12 +11,13 @@
 struct pbrt_space {
     const char *name;
     size_t length;
-    struct transform transform;
+    struct transform transform, end;
 };
 
 void pbrt_transforms_start(struct pbrt_spaces *spaces)
 {
-    spaces->camera = transform_identity();
+    spaces->camera = spaces->camera_end = transform_identity();
+    spaces->times[1] = 1;
 }
 
 void pbrt_transforms_free(struct pbrt_spaces *spaces)
@@ -26,46 +27,68 @@ void pbrt_transforms_free(struct pbrt_spaces *spaces)
 
 /* --- The current transform ---------------------------------------------------------------- */
 
-static bool set_ctm(struct pbrt_reader *reader, const struct pbrt_token *directive,
-                    const struct transform *ctm)
+/* The transforms at the start and the end of a motion, as far as ActiveTransform means them */
+static bool set_ctms(struct pbrt_reader *reader, const struct pbrt_token *directive,
+                     const struct transform *ctm, const struct transform *ctm_end)
 {
+    struct pbrt_state *state = &reader->state;
     struct transform inverse;
-    if (reader->state.only_end_time)
-        return true;
-    if (!transform_invert(ctm, &inverse))
+    if ((!state->fixed_start && !transform_invert(ctm, &inverse)) ||
+        (!state->fixed_end && !transform_invert(ctm_end, &inverse)))
         return pbrt_report_error(
             reader, &directive->pos,
             "after this %.*s the transform cannot be inverted: it flattens space",
             (int)directive->length, directive->text);
-    reader->state.ctm = *ctm;
+    if (!state->fixed_start)
+        state->ctm = *ctm;
+    if (!state->fixed_end)
+        state->ctm_end = *ctm_end;
     return true;
+}
+
+static bool set_ctm(struct pbrt_reader *reader, const struct pbrt_token *directive,
+                    const struct transform *ctm)
+{
+    return set_ctms(reader, directive, ctm, ctm);
 }
 
 static bool concat(struct pbrt_reader *reader, const struct pbrt_token *directive,
                    const struct transform *transform)
 {
     struct transform ctm = transform_mul(&reader->state.ctm, transform);
-    return set_ctm(reader, directive, &ctm);
+    struct transform ctm_end = transform_mul(&reader->state.ctm_end, transform);
+    return set_ctms(reader, directive, &ctm, &ctm_end);
 }
 
 bool pbrt_transforms_active(struct pbrt_reader *reader, const struct pbrt_token *directive)
 {
     struct pbrt_token which;
+    (void)directive;
     if (!pbrt_lexer_next(reader->lexer, &which, reader->err))
         return false;
     if (!pbrt_token_is(&which, "All") && !pbrt_token_is(&which, "StartTime") &&
         !pbrt_token_is(&which, "EndTime"))
         return pbrt_report_error(reader, &which.pos,
                                  "ActiveTransform is All, StartTime or EndTime");
-    reader->state.only_end_time = pbrt_token_is(&which, "EndTime");
-    return pbrt_token_is(&which, "All") ||
-           pbrt_report_later(reader, &directive->pos, "motion (ActiveTransform)");
+    reader->state.fixed_start = pbrt_token_is(&which, "EndTime");
+    reader->state.fixed_end = pbrt_token_is(&which, "StartTime");
+    return true;
 }
 
 bool pbrt_transforms_times(struct pbrt_reader *reader, const struct pbrt_token *directive)
 {
     double v[2];
-    return pbrt_args_numbers(reader, directive, 2, v); /* nothing moves between them */
+    if (!pbrt_args_numbers(reader, directive, 2, v))
+        return false;
+    if (reader->in_world)
+        return pbrt_report_error(reader, &directive->pos,
+                                 "TransformTimes must come before WorldBegin");
+    if (!(v[0] < v[1]))
+        return pbrt_report_error(reader, &directive->pos,
+                                 "TransformTimes wants a start before its end, not %g and %g", v[0],
+                                 v[1]);
+    memcpy(reader->spaces.times, v, sizeof(v));
+    return true;
 }
 
 /* --- Directives that change it ------------------------------------------------------------ */
@@ -167,7 +190,8 @@ bool pbrt_transforms_name(struct pbrt_reader *reader, const struct pbrt_token *d
         system = growing_add(&reader->spaces.named, 1, sizeof(*system));
     if (system == NULL)
         return pbrt_report_no_memory(reader);
-    *system = (struct pbrt_space){ name.text, name.length, reader->state.ctm };
+    *system = (struct pbrt_space){ name.text, name.length, reader->state.ctm,
+                                   reader->state.ctm_end };
     return true;
 }
 
@@ -178,9 +202,9 @@ bool pbrt_transforms_recall(struct pbrt_reader *reader, const struct pbrt_token 
         return false;
     struct pbrt_space *system = find_space(reader, &name);
     if (system != NULL)
-        return set_ctm(reader, directive, &system->transform);
+        return set_ctms(reader, directive, &system->transform, &system->end);
     if (pbrt_token_is(&name, "camera"))
-        return set_ctm(reader, directive, &reader->spaces.camera);
+        return set_ctms(reader, directive, &reader->spaces.camera, &reader->spaces.camera_end);
     if (pbrt_token_is(&name, "world"))
         return pbrt_transforms_identity(reader, directive);
     return pbrt_report_error(reader, &name.pos, "no coordinate system \"%.*s\"", (int)name.length,

@@ -3,8 +3,7 @@
  * or come back to one that was named. Part of the pbrt reader.
  *
  * All of them end in one place that sets the transform and refuses one that cannot be inverted;
- * ActiveTransform says there which of the two ends of a motion is meant. Nothing moves yet: with
- * StartTime or All the transform is set, with EndTime it stays.
+ * ActiveTransform says there which of the two ends of a motion is meant.
  */
 #ifndef MASTER_PBRT_TRANSFORMS_H
 #define MASTER_PBRT_TRANSFORMS_H
@@ -18,8 +17,10 @@
 struct pbrt_reader;
 
 struct pbrt_spaces {
-    struct growing named;    /* struct pbrt_space: CoordinateSystem */
-    struct transform camera; /* the one called "camera": world from camera */
+    struct growing named;        /* struct pbrt_space: CoordinateSystem */
+    struct transform camera;     /* the one called "camera": world from camera */
+    struct transform camera_end; /* where it moves to */
+    double times[2];             /* TransformTimes: of the two ends of every motion */
 };
 void pbrt_transforms_start(struct pbrt_spaces *spaces);
 void pbrt_transforms_free(struct pbrt_spaces *spaces);

@@ -19,6 +19,7 @@ void pbrt_view_start(struct pbrt_reader *reader)
 {
     reader->view = (struct pbrt_view){ .kind = CAMERA_PERSPECTIVE,
                                        .world_from_camera = transform_identity(),
+                                       .shutter = { 0, 1 },
                                        .fov = PI / 2,
                                        .focal_distance = 1e6,
                                        .width = 1280,
@@ -48,7 +49,12 @@ bool pbrt_view_camera(struct pbrt_reader *reader, const struct pbrt_token *type)
         return false;
     if (!transform_invert(&reader->state.ctm, &view->world_from_camera))
         return pbrt_report_error(reader, &type->pos, "the camera's transform cannot be inverted");
+    if (!transform_invert(&reader->state.ctm_end, &view->world_from_camera_end))
+        return pbrt_report_error(reader, &type->pos, "the camera's transform cannot be inverted");
+    view->moves = pbrt_state_moves(&reader->state);
+    view->pos = type->pos;
     reader->spaces.camera = view->world_from_camera;
+    reader->spaces.camera_end = view->world_from_camera_end;
     if (found == NULL)
         return true;
     view->kind = (enum camera_kind)found->value;
@@ -76,8 +82,12 @@ bool pbrt_view_camera(struct pbrt_reader *reader, const struct pbrt_token *type)
     if (view->aspect < 0 || view->lens_radius < 0 || !(view->focal_distance > 0))
         pbrt_params_fail(params, NULL,
                          "frameaspectratio, lensradius and focaldistance must be positive");
-    pbrt_params_ignore(params, "shutteropen"); /* nothing moves yet */
-    pbrt_params_ignore(params, "shutterclose");
+    view->shutter[0] = pbrt_params_float(params, "shutteropen", 0);
+    view->shutter[1] = pbrt_params_float(params, "shutterclose", 1);
+    if (!(view->shutter[0] <= view->shutter[1]))
+        pbrt_params_fail(params, pbrt_params_find(params, "shutterclose"),
+                         "the shutter closes at %g, before it opens at %g", view->shutter[1],
+                         view->shutter[0]);
     return pbrt_params_done(params);
 }
 
@@ -256,5 +266,11 @@ bool pbrt_view_finish(struct pbrt_reader *reader)
         screen_of(view->aspect > 0 ? view->aspect : (double)view->width / view->height, extent,
                   camera->screen);
     reader->build->world_from_camera = view->world_from_camera;
+    reader->build->camera_moves = view->moves;
+    reader->build->world_from_camera_end = view->world_from_camera_end;
+    reader->build->camera_pos = view->pos;
+    const double *times = reader->spaces.times;
+    for (int i = 0; i < 2; i++)
+        settings->shutter[i] = (float)((view->shutter[i] - times[0]) / (times[1] - times[0]));
     return true;
 }

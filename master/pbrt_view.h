@@ -17,7 +17,10 @@ struct pbrt_reader;
 
 struct pbrt_view {
     enum camera_kind kind;
-    struct transform world_from_camera;
+    struct transform world_from_camera, world_from_camera_end;
+    bool moves; /* from the one to the other */
+    double shutter[2];
+    struct source_pos pos;
     double fov;    /* radians */
     double aspect; /* 0: the film's */
     bool has_screen;

@@ -3,7 +3,10 @@
 #include "common/arena.h"
 #include "common/effects.h"
 #include "common/err.h"
+#include "master/scene_bounds.h"
+#include "master/scene_groups.h"
 
+#include <assert.h>
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
@@ -48,6 +51,13 @@ void scene_build_free(struct scene_build *build)
     growing_free(&build->pictures);
     growing_free(&build->texels);
     growing_free(&build->environments);
+    growing_free(&build->instances);
+    growing_free(&build->ends);
+    free(build->boxes);
+    growing_free(&build->centers);
+    growing_free(&build->groups);
+    growing_free(&build->placed);
+    growing_free(&build->motions);
     scene_free(build->scene);
     free(build);
 }
@@ -70,7 +80,7 @@ bool scene_build_add_mesh(struct scene_build *build, const struct build_place *p
                           const struct ply_added *added, struct err *err)
 {
     struct ply_target *vertices = &build->vertices;
-    struct build_mesh mesh = { .place = *place, .range = *added };
+    struct build_mesh mesh = { .place = *place, .range = *added, .group = build->open_group };
     if (added->has_normals)
         mesh.first_normal = vertices->normals.count - added->vertex_count;
     if (added->has_uvs)
@@ -92,73 +102,81 @@ bool scene_build_add_mesh(struct scene_build *build, const struct build_place *p
     return true;
 }
 
+bool scene_build_add_quadric(struct scene_build *build, const struct build_quadric *quadric,
+                             struct err *err)
+{
+    struct build_quadric *added = growing_add(&build->quadrics, 1, sizeof(*added));
+    if (added == NULL)
+        return no_memory(err);
+    *added = *quadric;
+    added->group = build->open_group;
+    return true;
+}
+
+/* --- Groups ------------------------------------------------------------------------------- */
+
+void scene_build_group_begin(struct scene_build *build)
+{
+    assert(build->open_group == 0);
+    build->open_group = ++build->group_count;
+}
+
+void scene_build_group_end(struct scene_build *build, uint32_t *group)
+{
+    assert(build->open_group != 0);
+    *group = build->open_group;
+    build->open_group = 0;
+}
+
+bool scene_build_add_instance(struct scene_build *build, uint32_t group,
+                              const struct transform *to_world, const struct source_pos *pos,
+                              struct err *err)
+{
+    return scene_build_add_moving(build, group, to_world, NULL, pos, err);
+}
+
+bool scene_build_add_moving(struct scene_build *build, uint32_t group,
+                            const struct transform *start, const struct transform *end,
+                            const struct source_pos *pos, struct err *err)
+{
+    assert(group != 0 && group <= build->group_count);
+    struct transform inverse;
+    if (!transform_is_affine(start) || !transform_invert(start, &inverse))
+        return err_set(err, ERR_SCENE, "%s:%d:%d: the instance's transform cannot be inverted",
+                       pos->path, pos->line, pos->column);
+    struct build_instance *instance = growing_add(&build->instances, 1, sizeof(*instance));
+    if (instance == NULL)
+        return no_memory(err);
+    *instance = (struct build_instance){ .group = group, .pos = *pos };
+    memcpy(instance->to_world, start->m, sizeof(instance->to_world));
+    if (end == NULL)
+        return true;
+    struct transform *last = growing_add(&build->ends, 1, sizeof(*last));
+    if (last == NULL)
+        return no_memory(err);
+    *last = *end;
+    instance->end = (uint32_t)build->ends.count;
+    return true;
+}
+
 /* --- Bounds and centre -------------------------------------------------------------------- */
 
-struct bounds {
-    double min[3], max[3];
-};
-
-static void bounds_add(struct bounds *bounds, const double p[3])
+static bool find_bounds(const struct scene_build *build, struct scene_bounds *bounds,
+                        struct err *err)
 {
-    for (int axis = 0; axis < 3; axis++) {
-        bounds->min[axis] = fmin(bounds->min[axis], p[axis]);
-        bounds->max[axis] = fmax(bounds->max[axis], p[axis]);
-    }
-}
-
-/* The file's position of vertex i of a mesh, in the world */
-static void world_vertex(const struct scene_build *build, const struct build_mesh *mesh, uint32_t i,
-                         double world[3])
-{
-    const float *narrow = (const float *)build->vertices.positions.data +
-                          3 * ((size_t)mesh->range.first_vertex + i);
-    double p[3] = { narrow[0], narrow[1], narrow[2] };
-    if (mesh->wide != NULL)
-        memcpy(p, mesh->wide + 3 * (size_t)i, sizeof(p));
-    transform_point(&mesh->place.to_world, p, world);
-}
-
-static void quadric_center(const struct build_quadric *built, double center[3])
-{
-    const double object[3] = { 0, 0, built->height };
-    transform_point(&built->place.to_world, object, center);
-}
-
-static void quadric_bounds(const struct build_quadric *built, struct bounds *bounds)
-{
-    const struct transform *m = &built->place.to_world;
-    double center[3], low[3], high[3];
-    quadric_center(built, center);
-    for (int axis = 0; axis < 3; axis++) {
-        double x = m->m[axis][0], y = m->m[axis][1];
-        double z = built->quadric.kind == QUADRIC_SPHERE ? m->m[axis][2] : 0;
-        double reach = built->quadric.radius * sqrt(x * x + y * y + z * z);
-        low[axis] = center[axis] - reach;
-        high[axis] = center[axis] + reach;
-    }
-    bounds_add(bounds, low);
-    bounds_add(bounds, high);
-}
-
-static bool find_bounds(const struct scene_build *build, struct bounds *bounds, struct err *err)
-{
-    for (int axis = 0; axis < 3; axis++) {
-        bounds->min[axis] = INFINITY;
-        bounds->max[axis] = -INFINITY;
-    }
+    *bounds = scene_bounds_empty();
     const struct build_mesh *meshes = build->meshes.data;
     for (size_t i = 0; i < build->meshes.count; i++)
-        for (uint32_t v = 0; v < meshes[i].range.vertex_count; v++) {
-            double world[3];
-            world_vertex(build, &meshes[i], v, world);
-            bounds_add(bounds, world);
-        }
+        if (meshes[i].group == 0)
+            scene_bounds_add_mesh(bounds, build, &meshes[i]);
     const struct build_quadric *quadrics = build->quadrics.data;
     for (size_t i = 0; i < build->quadrics.count; i++)
-        quadric_bounds(&quadrics[i], bounds);
+        if (quadrics[i].group == 0)
+            scene_bounds_add_quadric(bounds, &quadrics[i]);
+    scene_groups_add_bounds(build, bounds);
 
-    if (!(bounds->min[0] <= bounds->max[0]))
-        *bounds = (struct bounds){ { 0 }, { 0 } };
+    if (scene_bounds_is_empty(bounds))
+        *bounds = (struct scene_bounds){ { 0 }, { 0 } };
     for (int axis = 0; axis < 3; axis++)
         if (!(fabs(bounds->min[axis]) < FARTHEST && fabs(bounds->max[axis]) < FARTHEST))
             return err_set(err, ERR_SCENE, "the scene reaches from %g to %g: beyond %g",
@@ -166,29 +184,21 @@ static bool find_bounds(const struct scene_build *build, struct bounds *bounds, 
     return true;
 }
 
-static void choose_center(const struct bounds *bounds, double center[3])
-{
-    double extent = 0;
-    for (int axis = 0; axis < 3; axis++)
-        extent = fmax(extent, bounds->max[axis] - bounds->min[axis]);
-    int exponent;
-    frexp(extent, &exponent);
-    double grid = extent > 1e-30 ? ldexp(1, exponent) : 0;
-    for (int axis = 0; axis < 3; axis++) {
-        double middle = bounds->min[axis] / 2 + bounds->max[axis] / 2;
-        center[axis] = grid > 0 ? floor(middle / grid + 0.5) * grid : middle;
-    }
-}
-
 /* --- Geometry ----------------------------------------------------------------------------- */
+
+/* What becomes the origin of a group (1 + its number), or of the world (0) */
+static const double *center_of(const struct scene_build *build, uint32_t group)
+{
+    return group == 0 ? build->scene->settings.center : scene_groups_center(build, group);
+}
 
 static void place_vertices(struct scene_build *build, const struct build_mesh *mesh)
 {
-    const double *center = build->scene->settings.center;
+    const double *center = center_of(build, mesh->group);
     float *out = (float *)build->vertices.positions.data + 3 * (size_t)mesh->range.first_vertex;
     for (uint32_t v = 0; v < mesh->range.vertex_count; v++, out += 3) {
         double world[3];
-        world_vertex(build, mesh, v, world);
+        scene_bounds_vertex(build, mesh, v, world);
         for (int axis = 0; axis < 3; axis++)
             out[axis] = (float)(world[axis] - center[axis]);
     }
@@ -352,9 +362,10 @@ static bool place_quadrics(struct scene_build *build, struct err *err)
             return err_set(err, ERR_SCENE, "%s:%d:%d: the transform cannot be inverted",
                            place->pos.path, place->pos.line, place->pos.column);
         *quadric = from[i].quadric;
-        quadric_center(&from[i], center);
+        scene_bounds_quadric_center(&from[i], center);
+        const double *origin = center_of(build, from[i].group);
         for (int axis = 0; axis < 3; axis++)
-            quadric->center[axis] = (float)(center[axis] - scene->settings.center[axis]);
+            quadric->center[axis] = (float)(center[axis] - origin[axis]);
         for (int j = 0; j < 9; j++) {
             quadric->to_world[j] = (float)place->to_world.m[j / 3][j % 3];
             quadric->to_object[j] = (float)inverse.m[j / 3][j % 3];
@@ -390,7 +401,7 @@ static void place_textures(struct scene_build *build)
     }
 }
 
-static void place_camera(struct scene_build *build)
+static bool place_camera(struct scene_build *build, struct err *err)
 {
     struct scene_settings *settings = &build->scene->settings;
     const struct transform *m = &build->world_from_camera;
@@ -400,10 +411,13 @@ static void place_camera(struct scene_build *build)
         settings->camera.forward[axis] = (float)m->m[axis][2];
         settings->camera.position[axis] = (float)(m->m[axis][3] - settings->center[axis]);
     }
+    return !build->camera_moves ||
+           scene_groups_add_motion(build, m, &build->world_from_camera_end, &build->camera_pos,
+                                   &settings->camera_motion, err);
 }
 
 /* Rounded like everything else, so that no vertex lies outside */
-static void store_bounds(struct scene *scene, const struct bounds *bounds)
+static void store_bounds(struct scene *scene, const struct scene_bounds *bounds)
 {
     for (int axis = 0; axis < 3; axis++) {
         double center = scene->settings.center[axis];
@@ -493,12 +507,13 @@ static bool give(struct scene *scene, struct growing *array, size_t size, void *
 static bool place_all(struct scene_build *build, struct build_counts *counts, struct err *err)
 {
     struct scene *scene = build->scene;
-    struct bounds bounds;
-    if (!find_bounds(build, &bounds, err))
+    struct scene_bounds bounds;
+    if (!scene_groups_prepare(build, err) || !find_bounds(build, &bounds, err))
         return false;
-    choose_center(&bounds, scene->settings.center);
+    scene_bounds_center(&bounds, scene->settings.center);
     store_bounds(scene, &bounds);
-    place_camera(build);
+    if (!place_camera(build, err))
+        return false;
     place_textures(build);
     return place_meshes(build, counts, err) && place_quadrics(build, err) &&
            GIVE(&build->vertices.positions, 3, positions, vertex_count) &&
@@ -513,16 +528,6 @@ static bool place_all(struct scene_build *build, struct build_counts *counts, st
            GIVE(&build->environments, 1, environments, environment_count);
 }
 
-/* Meshes that lost all their triangles have nothing left to say */
-static void drop_empty_meshes(struct scene *scene)
-{
-    uint32_t kept = 0;
-    for (uint32_t i = 0; i < scene->mesh_count; i++)
-        if (scene->meshes[i].triangle_count > 0)
-            scene->meshes[kept++] = scene->meshes[i];
-    scene->mesh_count = kept;
-}
-
 struct scene *scene_build_finish(struct scene_build *build, struct build_counts *counts,
                                  struct err *err)
 {
@@ -533,13 +538,15 @@ struct scene *scene_build_finish(struct scene_build *build, struct build_counts 
                 GIVE(&arrays.lights, 1, lights, light_count) &&
                 GIVE(&arrays.corners, 3, light_corners, light_corner_count) &&
                 GIVE(&arrays.triangle_light, 1, triangle_light, triangle_light_count) &&
-                scene_lights_pick(scene, err);
+                scene_lights_pick(scene, err) && scene_groups_finish(build, err) &&
+                GIVE(&build->groups, 1, groups, group_count) &&
+                GIVE(&build->placed, 1, instances, instance_count) &&
+                GIVE(&build->motions, 1, motions, motion_count);
     growing_free(&arrays.lights);
     growing_free(&arrays.corners);
     growing_free(&arrays.triangle_light);
     if (!good)
         return NULL;
-    drop_empty_meshes(scene);
     scene->settings.effects = scene_effects(scene);
     if (!scene_check(scene, err))
         return NULL;

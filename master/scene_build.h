@@ -5,6 +5,13 @@
  * The origin moves to a point near the middle of the bounds whose coordinates are multiples of a
  * power of two of about the scene's size: coordinates keep their bits (but for what leading digits
  * free), and a scene that lies around the origin is not moved at all.
+ *
+ * Shapes that stand in several places are added once, between group_begin and group_end, and then
+ * placed by add_instance. Their to_world leads into the group's space, and the instance's from
+ * there into the world. Groups do not contain instances. Finishing may do better than it was told:
+ * a group with one place that does not move becomes part of the world, and what emits is copied
+ * into the world for every instance, so that light sampling knows every light there is; the rest
+ * of the group stays shared. What emits cannot move (ERR_UNSUPPORTED).
  */
 #ifndef MASTER_SCENE_BUILD_H
 #define MASTER_SCENE_BUILD_H
@@ -16,6 +23,7 @@
 #include "master/transform.h"
 
 struct err;
+struct scene_bounds;
 
 /* How a shape stands in the world. */
 struct build_place {
@@ -37,13 +45,23 @@ struct build_mesh {
     struct build_place place;
     struct ply_added range;
     size_t first_normal, first_uv;
-    double *wide; /* 3 per vertex, when float32 does not hold the file's numbers */
+    double *wide;   /* 3 per vertex, when float32 does not hold the file's numbers */
+    uint32_t group; /* or 0: stands in the world itself */
 };
 
 struct build_quadric {
     struct build_place place;
     struct quadric quadric; /* kind, radius, ranges; in object space */
     double height;          /* disk: its z in object space */
+    uint32_t group;         /* as in struct build_mesh */
+};
+
+/* Where a group stands. */
+struct build_instance {
+    double to_world[3][4];
+    uint32_t group;
+    uint32_t end; /* 1 + index into `ends`: where it moves to; or 0 */
+    struct source_pos pos;
 };
 
 /* Where a texture of points (any mapping but MAPPING_UV) has its points: its map before rounding,
@@ -74,6 +92,21 @@ struct scene_build {
     struct growing pictures;       /* struct scene_picture, added by scene_pictures.h */
     struct growing texels;         /* TEXEL_BLOCK bytes each */
     struct growing environments;   /* struct environment, but for the light that each belongs to */
+    struct growing instances;      /* struct build_instance */
+    struct growing ends;           /* struct transform: what moves comes here */
+    uint32_t group_count, open_group; /* groups are numbered from 1; 0 is the world */
+
+    /* The camera moves from world_from_camera to here */
+    bool camera_moves;
+    struct transform world_from_camera_end;
+    struct source_pos camera_pos;
+
+    /* scene_groups': what finishing makes of these */
+    struct scene_bounds *boxes; /* of the groups, from 1 on, in their own space */
+    struct growing centers;     /* 3 doubles per group: its new origin */
+    struct growing groups;      /* struct group */
+    struct growing placed;      /* struct instance */
+    struct growing motions;     /* struct motion */
 };
 
 /* NULL when memory runs out. scene_build_free(NULL) does nothing. */
@@ -83,6 +116,21 @@ void scene_build_free(struct scene_build *build);
 /* Add the mesh that was just appended to `vertices`; takes over its wide positions. */
 bool scene_build_add_mesh(struct scene_build *build, const struct build_place *place,
                           const struct ply_added *added, struct err *err);
+
+bool scene_build_add_quadric(struct scene_build *build, const struct build_quadric *quadric,
+                             struct err *err);
+
+/* Shapes added from here to the end form a group, which is seen through its instances alone. */
+void scene_build_group_begin(struct scene_build *build);
+void scene_build_group_end(struct scene_build *build, uint32_t *group);
+
+/* Place a group that was ended; or one that moves while the shutter is open, `end` NULL if not. */
+bool scene_build_add_instance(struct scene_build *build, uint32_t group,
+                              const struct transform *to_world, const struct source_pos *pos,
+                              struct err *err);
+bool scene_build_add_moving(struct scene_build *build, uint32_t group,
+                            const struct transform *start, const struct transform *end,
+                            const struct source_pos *pos, struct err *err);
 
 /* The finished, checked scene, the caller's to free; the build is empty then. NULL on failure. */
 struct scene *scene_build_finish(struct scene_build *build, struct build_counts *counts,

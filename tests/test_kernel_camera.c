@@ -28,7 +28,7 @@ static struct scene scene_of(float lens_radius, float focal_distance)
 static __attribute__((noinline)) struct ray8 ray_of(const struct scene *scene, const f8 *x,
                                                     const f8 *y, const f8 *u, const f8 *v)
 {
-    return camera_ray(scene, FX_ALL, *x, *y, *u, *v);
+    return camera_ray(scene, FX_ALL, *x, *y, *u, *v, F8(0));
 }
 
 static struct ray8 random_ray(const struct scene *scene, struct random_lanes *r, f8 x, f8 y)
@@ -45,7 +45,7 @@ static void a_closed_lens_is_a_pinhole_to_the_bit(void **state) /* H19 */
     for (int i = 0; i < 2000; i++) {
         f8 x = random_f8(&r) * 64, y = random_f8(&r) * 48;
         struct ray8 a = random_ray(&closed, &r, x, y);
-        struct ray8 b = camera_ray(&closed, FX_MESH, x, y, F8(0), F8(0));
+        struct ray8 b = camera_ray(&closed, FX_MESH, x, y, F8(0), F8(0), F8(0));
         assert_memory_equal(&a, &b, sizeof(a));
     }
 }
@@ -97,11 +97,11 @@ static void the_film_is_where_the_header_says(void **state)
 {
     (void)state;
     struct scene scene = scene_of(0, INFINITY);
-    struct ray8 corner = camera_ray(&scene, FX_ALL, F8(0), F8(0), F8(0), F8(0));
+    struct ray8 corner = camera_ray(&scene, FX_ALL, F8(0), F8(0), F8(0), F8(0), F8(0));
     EXPECT_NEAR(corner.d.x[0] / corner.d.z[0], -1, 1e-6);
     EXPECT_NEAR(corner.d.y[0] / corner.d.z[0], 0.75, 1e-6);
     scene.settings.camera.kind = CAMERA_ORTHOGRAPHIC;
-    struct ray8 flat = camera_ray(&scene, FX_ALL, F8(64), F8(48), F8(0), F8(0));
+    struct ray8 flat = camera_ray(&scene, FX_ALL, F8(64), F8(48), F8(0), F8(0), F8(0));
     EXPECT_NEAR(flat.o.x[0], 2, 1e-6);
     EXPECT_NEAR(flat.o.y[0], 1.25, 1e-6);
     EXPECT_NEAR(flat.d.z[0], 1, 0);

@@ -329,7 +329,7 @@ static void jobs_that_do_not_add_up_are_refused_with_a_reason(void **state)
     (void)state;
     struct bundle *bundle = make_bundle();
     static const char *const says[] = {
-        "a scene has 11",
+        "; a scene has ",
         "where \"positions\" is expected",
         "do not take",
         "do not take",

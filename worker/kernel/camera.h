@@ -6,6 +6,7 @@
 
 #include "common/effects.h"
 #include "common/elem.h"
+#include "worker/kernel/instance.h"
 #include "worker/kernel/kernel_scene.h"
 
 struct ray8 {
@@ -63,8 +64,10 @@ LANE_FN struct vec2x8 filter_offset(const struct filter_table *filter, unsigned 
                             f8_select(both | only_y, minus.y, plus.y) };
 }
 
-/* The ray through film point (x, y), in pixels of the full image; (lu, lv) place it on the lens */
-LANE_FN struct ray8 camera_ray(const struct scene *scene, unsigned fx, f8 x, f8 y, f8 lu, f8 lv)
+/* The ray through film point (x, y), in pixels of the full image; (lu, lv) place it on the lens,
+ * and `time` a camera that moves */
+LANE_FN struct ray8 camera_ray(const struct scene *scene, unsigned fx, f8 x, f8 y, f8 lu, f8 lv,
+                               f8 time)
 {
     const struct camera *c = &scene->settings.camera;
     float width = (float)scene->settings.width, height = (float)scene->settings.height;
@@ -74,6 +77,14 @@ LANE_FN struct ray8 camera_ray(const struct scene *scene, unsigned fx, f8 x, f8 
     struct vec3x8 right = vec3x8_all(c->right[0], c->right[1], c->right[2]);
     struct vec3x8 up = vec3x8_all(c->up[0], c->up[1], c->up[2]);
     struct vec3x8 forward = vec3x8_all(c->forward[0], c->forward[1], c->forward[2]);
+    if ((fx & FX_MOTION) && scene->settings.camera_motion != 0) {
+        i8 motion = I8((int32_t)scene->settings.camera_motion - 1);
+        struct rows8 m = motion_pose(scene, true, motion, time).to_world;
+        right = (struct vec3x8){ m.x.x, m.y.x, m.z.x };
+        up = (struct vec3x8){ m.x.y, m.y.y, m.z.y };
+        forward = (struct vec3x8){ m.x.z, m.y.z, m.z.z };
+        position = m.add;
+    }
 
     /* In camera space the ray starts at (ox, oy, 0) and goes along (dx, dy, 1) */
     f8 ox = F8(0), oy = F8(0), dx = sx, dy = sy;

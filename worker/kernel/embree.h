@@ -55,4 +55,33 @@ rtc_occluded8(const int *valid, RTCScene scene, struct RTCRay8 *rays)
 #endif
 }
 
+/* The same from inside a callback, which was given the arguments `outer` */
+static inline __attribute__((always_inline, unused)) void
+rtc_intersect_inside8(const int *valid, RTCScene scene,
+                      const struct RTCIntersectFunctionNArguments *outer, struct RTCRayHit8 *rays)
+{
+#if RTC_VERSION_MAJOR >= 4
+    struct RTCIntersectArguments inner;
+    rtcInitIntersectArguments(&inner);
+    inner.context = outer->context;
+    rtcIntersect8(valid, scene, rays, &inner);
+#else
+    rtcIntersect8(valid, scene, outer->context, rays);
+#endif
+}
+
+static inline __attribute__((always_inline, unused)) void
+rtc_occluded_inside8(const int *valid, RTCScene scene,
+                     const struct RTCOccludedFunctionNArguments *outer, struct RTCRay8 *rays)
+{
+#if RTC_VERSION_MAJOR >= 4
+    struct RTCOccludedArguments inner;
+    rtcInitOccludedArguments(&inner);
+    inner.context = outer->context;
+    rtcOccluded8(valid, scene, rays, &inner);
+#else
+    rtcOccluded8(valid, scene, outer->context, rays);
+#endif
+}
+
 #endif

@@ -210,11 +210,13 @@ static bool textures_open(struct kernel_scene *ks, struct err *err)
 
 /* ---- geometry */
 
-static bool meshes_attach(struct kernel_scene *ks, struct err *err)
+/* The meshes of a group, or of the world outside all groups; geomIDs count from its first */
+static bool meshes_attach(struct kernel_scene *ks, RTCScene rtc, const struct group *group,
+                          struct err *err)
 {
     const struct scene *scene = ks->scene;
-    for (uint32_t i = 0; i < scene->mesh_count; i++) {
-        const struct mesh *mesh = &scene->meshes[i];
+    for (uint32_t i = 0; i < group->mesh_count; i++) {
+        const struct mesh *mesh = &scene->meshes[group->first_mesh + i];
         if (mesh->material == SCENE_NONE)
             continue;
         RTCGeometry geometry = rtcNewGeometry(ks->device, RTC_GEOMETRY_TYPE_TRIANGLE);
@@ -231,24 +233,23 @@ static bool meshes_attach(struct kernel_scene *ks, struct err *err)
             rtcSetGeometryOccludedFilterFunction(geometry, alpha_filter);
         }
         rtcCommitGeometry(geometry);
-        rtcAttachGeometryByID(ks->rtc, geometry, i);
+        rtcAttachGeometryByID(rtc, geometry, i);
         rtcReleaseGeometry(geometry);
     }
     return true;
 }
 
-static bool quadrics_attach(struct kernel_scene *ks, struct err *err)
+static bool quadrics_attach(struct kernel_scene *ks, RTCScene rtc, const struct group *group,
+                            uint32_t geometry_id, struct err *err)
 {
-    const struct scene *scene = ks->scene;
-    ks->quadric_geometry = (int32_t)scene->mesh_count;
-    if (scene->quadric_count == 0)
+    if (group->quadric_count == 0)
         return true;
     RTCGeometry geometry = rtcNewGeometry(ks->device, RTC_GEOMETRY_TYPE_USER);
     if (geometry == NULL)
-        return err_set(err, ERR_MEMORY, "no memory for %u spheres and disks", scene->quadric_count);
+        return err_set(err, ERR_MEMORY, "no memory for %u spheres and disks", group->quadric_count);
     bool avx2 = has_avx2();
-    rtcSetGeometryUserPrimitiveCount(geometry, scene->quadric_count);
-    rtcSetGeometryUserData(geometry, (void *)(uintptr_t)scene);
+    rtcSetGeometryUserPrimitiveCount(geometry, group->quadric_count);
+    rtcSetGeometryUserData(geometry, &ks->scene->quadrics[group->first_quadric]);
     /* Bounds are in double precision nowhere, so one version serves both instruction sets */
     rtcSetGeometryBoundsFunction(geometry, path_quadric_bounds_base, NULL);
     rtcSetGeometryIntersectFunction(geometry, avx2 ? path_quadric_intersect_avx2
@@ -256,7 +257,54 @@ static bool quadrics_attach(struct kernel_scene *ks, struct err *err)
     rtcSetGeometryOccludedFunction(geometry,
                                    avx2 ? path_quadric_occluded_avx2 : path_quadric_occluded_base);
     rtcCommitGeometry(geometry);
-    rtcAttachGeometryByID(ks->rtc, geometry, scene->mesh_count);
+    rtcAttachGeometryByID(rtc, geometry, geometry_id);
+    rtcReleaseGeometry(geometry);
+    return true;
+}
+
+/* A committed Embree scene for every group */
+static bool groups_open(struct kernel_scene *ks, struct err *err)
+{
+    const struct scene *scene = ks->scene;
+    if (scene->group_count == 0)
+        return true;
+    size_t size = scene->group_count * sizeof(*ks->groups);
+    ks->groups = aligned_alloc(_Alignof(struct kernel_group), size);
+    if (ks->groups == NULL)
+        return err_set(err, ERR_MEMORY, "no memory for %u groups", scene->group_count);
+    memset(ks->groups, 0, size);
+    for (uint32_t i = 0; i < scene->group_count; i++) {
+        const struct group *group = &scene->groups[i];
+        RTCScene rtc = ks->groups[i].rtc = rtcNewScene(ks->device);
+        rtcSetSceneFlags(rtc, RTC_SCENE_FLAG_ROBUST);
+        if (!meshes_attach(ks, rtc, group, err) ||
+            !quadrics_attach(ks, rtc, group, group->mesh_count, err))
+            return false;
+        rtcCommitScene(rtc);
+        rtcGetSceneBounds(rtc, &ks->groups[i].bounds);
+    }
+    return true;
+}
+
+/* All instances are one geometry: its primitives are looked into by instance.h's arithmetic */
+static bool instances_attach(struct kernel_scene *ks, struct err *err)
+{
+    const struct scene *scene = ks->scene;
+    if (scene->instance_count == 0)
+        return true;
+    RTCGeometry geometry = rtcNewGeometry(ks->device, RTC_GEOMETRY_TYPE_USER);
+    if (geometry == NULL)
+        return err_set(err, ERR_MEMORY, "no memory for %u instances", scene->instance_count);
+    bool avx2 = has_avx2();
+    rtcSetGeometryUserPrimitiveCount(geometry, scene->instance_count);
+    rtcSetGeometryUserData(geometry, ks);
+    rtcSetGeometryBoundsFunction(geometry, path_instance_bounds_base, NULL);
+    rtcSetGeometryIntersectFunction(geometry, avx2 ? path_instance_intersect_avx2
+                                                   : path_instance_intersect_base);
+    rtcSetGeometryOccludedFunction(geometry, avx2 ? path_instance_occluded_avx2
+                                                  : path_instance_occluded_base);
+    rtcCommitGeometry(geometry);
+    rtcAttachGeometryByID(ks->rtc, geometry, scene->mesh_count + 1);
     rtcReleaseGeometry(geometry);
     return true;
 }
@@ -300,7 +348,15 @@ static bool geometry_open(struct kernel_scene *ks, struct err *err)
     rtcSetDeviceErrorFunction(ks->device, embree_error, &first);
     ks->rtc = rtcNewScene(ks->device);
     rtcSetSceneFlags(ks->rtc, RTC_SCENE_FLAG_ROBUST);
-    if (!meshes_attach(ks, err) || !quadrics_attach(ks, err))
+    const struct scene *scene = ks->scene;
+    ks->quadric_geometry = (int32_t)scene->mesh_count;
+    struct group world = { .mesh_count = scene->mesh_count, .quadric_count = scene->quadric_count };
+    if (scene->group_count > 0)
+        world = (struct group){ .mesh_count = scene->groups[0].first_mesh,
+                                .quadric_count = scene->groups[0].first_quadric };
+    if (!meshes_attach(ks, ks->rtc, &world, err) ||
+        !quadrics_attach(ks, ks->rtc, &world, scene->mesh_count, err) || !groups_open(ks, err) ||
+        !instances_attach(ks, err))
         return false;
     rtcCommitScene(ks->rtc);
     rtcSetDeviceErrorFunction(ks->device, NULL, NULL);
@@ -382,9 +438,13 @@ void kernel_close(struct kernel_scene *ks)
         return;
     if (ks->rtc != NULL)
         rtcReleaseScene(ks->rtc);
+    for (uint32_t i = 0; ks->groups != NULL && i < ks->scene->group_count; i++)
+        if (ks->groups[i].rtc != NULL)
+            rtcReleaseScene(ks->groups[i].rtc);
     if (ks->device != NULL)
         rtcReleaseDevice(ks->device);
     environments_close(ks);
+    free(ks->groups);
     free(ks->light_cdf);
     free(ks->light_pmf);
     free(ks->light_extent);

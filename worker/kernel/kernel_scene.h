@@ -28,6 +28,12 @@ struct kernel_thread;
 struct path_stats;
 struct ray_log;
 
+/* A group of shapes in its own space */
+struct kernel_group {
+    struct RTCBounds bounds;
+    RTCScene rtc;
+};
+
 struct kernel_scene {
     const struct scene *scene;
     struct job_spec spec;
@@ -35,7 +41,8 @@ struct kernel_scene {
     uint32_t max_depth;
     RTCDevice device;
     RTCScene rtc;
-    int32_t quadric_geometry; /* geomID of all quadrics; meshes have their index */
+    int32_t quadric_geometry;    /* geomID of all quadrics; meshes have their index */
+    struct kernel_group *groups; /* one per group of the scene */
     struct sampler sampler;
     struct filter_table filter;
     struct path_dfa dfa;

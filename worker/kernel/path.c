@@ -10,6 +10,7 @@
 #include "worker/kernel/camera.h"
 #include "worker/kernel/frame.h"
 #include "worker/kernel/hit.h"
+#include "worker/kernel/instance.h"
 #include "worker/kernel/light.h"
 #include "worker/kernel/path_variants.def"
 #include "worker/kernel/ray_log.h"
@@ -41,6 +42,7 @@ struct path8 {
     struct vec3x8 from;    /* the vertex the ray left, for the light's density */
     f8 pdf;       /* density of d at that vertex; 0 after a delta event and at the camera */
     f8 eta_scale; /* product of eta^2 so far: beta * eta_scale is what reaches the eye */
+    f8 time;      /* 0 to 1, where scene.h's motions are */
     struct sample_key8 key;
     i8 events; /* scattering events so far */
     i8 state;  /* of the path automaton */
@@ -50,6 +52,7 @@ struct path8 {
 /* Camera rays made eight at a time and handed to lanes as they fall free */
 struct camera_batch {
     struct vec3x8 o, d;
+    f8 time;
     struct sample_key8 key;
     int used, count;
     int32_t first_slot;
@@ -91,8 +94,16 @@ LANE_FN void camera_batch_fill(struct camera_batch *batch, const struct kernel_s
     if ((fx & FX_LENS) && settings->camera.lens_radius > 0)
         sampler_2d(&ks->sampler, any, &batch->key,
                    sample_dimension(SAMPLE_FROM_CAMERA, U8(0), SAMPLE_LENS), &lu, &lv);
+    batch->time = F8(0);
+    if (fx & FX_MOTION) {
+        f8 t = sampler_1d(&ks->sampler, any, &batch->key,
+                          sample_dimension(SAMPLE_FROM_CAMERA, U8(0), SAMPLE_TIME));
+        t = (1 - t) * settings->shutter[0] + t * settings->shutter[1];
+        batch->time = f8_clamp(t, 0, 1);
+    }
     struct vec2x8 offset = filter_offset(&ks->filter, fx, negative, lobe, u, v);
-    struct ray8 ray = camera_ray(ks->scene, fx, px + 0.5f + offset.x, py + 0.5f + offset.y, lu, lv);
+    struct ray8 ray = camera_ray(ks->scene, fx, px + 0.5f + offset.x, py + 0.5f + offset.y, lu, lv,
+                                 batch->time);
     batch->o = ray.o;
     batch->d = ray.d;
     batch->used = 0;
@@ -122,6 +133,8 @@ LANE_FN unsigned camera_batch_take(struct camera_batch *batch, const struct kern
     path->L = vec3x8_select(fresh, vec3x8_all(0, 0, 0), path->L);
     path->pdf = f8_select(fresh, F8(0), path->pdf);
     path->eta_scale = f8_select(fresh, F8(1), path->eta_scale);
+    if (fx & FX_MOTION)
+        path->time = f8_select(fresh, f8_permute(batch->time, from), path->time);
     path->events = path->events & ~fresh;
     path->slot = i8_select(fresh, batch->first_slot + from, path->slot);
     if (fx & FX_PATHS)
@@ -226,7 +239,7 @@ LANE_FN void texture_materials(const struct kernel_scene *ks, struct kernel_thre
 
 /* Which vertices see the light at the end of the segment from o along `to`, up to `to` itself */
 LANE_FN i8 unoccluded(const struct kernel_scene *ks, struct kernel_thread *thread, unsigned fx,
-                      i8 valid, struct vec3x8 o, struct vec3x8 to)
+                      i8 valid, struct vec3x8 o, struct vec3x8 to, f8 time)
 {
     _Alignas(32) int32_t lanes[LANES];
     struct RTCRay8 ray;
@@ -239,7 +252,7 @@ LANE_FN i8 unoccluded(const struct kernel_scene *ks, struct kernel_thread *threa
     f8_store(ray.dir_z, to.z);
     f8_store(ray.tnear, F8(0));
     f8_store(ray.tfar, F8(1 - SPAWN_ULPS));
-    f8_store(ray.time, F8(0));
+    f8_store(ray.time, time);
     i8_store(ray.mask, I8(-1));
     i8_store(ray.flags, I8(0));
     if ((fx & FX_TEXTURE) && ks->alpha_meshes != NULL)
@@ -337,7 +350,7 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         f8_store(ray.ray.dir_z, path.d.z);
         f8_store(ray.ray.tnear, F8(0));
         f8_store(ray.ray.tfar, F8(__builtin_inff()));
-        f8_store(ray.ray.time, F8(0));
+        f8_store(ray.ray.time, fx & FX_MOTION ? path.time : F8(0));
         i8_store(ray.ray.mask, I8(-1));
         i8_store(ray.ray.flags, I8(0));
         i8_store(ray.hit.geomID, I8(-1));
@@ -350,7 +363,11 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         rtc_intersect8(lanes, ks->rtc, &ray);
         stats->rays_closest += (unsigned)__builtin_popcount(i8_bits(active));
         i8 geometry = i8_load(ray.hit.geomID), prim = i8_load(ray.hit.primID);
-        i8 hit = active & (geometry != -1);
+        i8 hit = active & (geometry != -1), inside = I8(0), instance = I8(-1);
+        if (fx & FX_INSTANCE) {
+            instance = i8_load(ray.hit.instID[0]);
+            inside = instance_resolve(ks, hit, instance, &geometry, &prim);
+        }
         struct hit_corners8 corners = hit_corners(ks, fx, hit, geometry, prim);
 
         /* The numbers that almost every vertex needs */
@@ -376,8 +393,17 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
             path.L = sky_seen(ks, fx, sky, &path);
         }
 
-        struct surface8 s = hit_surface(ks, fx, hit, geometry, prim, &corners, path.o, path.d,
+        /* What was hit; inside an instance, as seen from there */
+        struct pose8 pose;
+        struct vec3x8 o = path.o, d = path.d;
+        if ((fx & FX_INSTANCE) && i8_any(inside)) {
+            pose = instance_pose(scene, fx, false, instance & inside, path.time);
+            instance_enter(inside, &pose, &o, &d);
+        }
+        struct surface8 s = hit_surface(ks, fx, hit, geometry, prim, &corners, o, d,
                                         f8_load(ray.ray.tfar));
+        if ((fx & FX_INSTANCE) && i8_any(inside))
+            instance_leave(inside, fx, &pose, &s);
         struct vec3x8 wo_world = vec3x8_neg(path.d);
 
         /* Emission, weighted against light sampling from the vertex before (power heuristic) */
@@ -491,10 +517,11 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
             if (fx & (FX_SMOOTH_NORMALS | FX_BUMP))
                 worth &= ((wo.z * wi.z > 0) == (wo_side * wi_side > 0));
             if (i8_any(worth)) {
-                struct vec3x8 o = vec3x8_along(s.p, s.ng, f8_mulsign(s.spawn, wi_side));
-                struct vec3x8 to = vec3x8_sub(ls.point, o);
+                struct vec3x8 start = vec3x8_along(s.p, s.ng, f8_mulsign(s.spawn, wi_side));
+                struct vec3x8 to = vec3x8_sub(ls.point, start);
                 stats->rays_shadow += (unsigned)__builtin_popcount(i8_bits(worth));
-                i8 visible = unoccluded(ks, thread, fx, worth, o, to);
+                i8 visible = unoccluded(ks, thread, fx, worth, start, to,
+                                        fx & FX_MOTION ? path.time : F8(0));
                 f8 w = mis_weight(ls.pdf, f.pdf);
                 if (fx & FX_DELTA_LIGHT)
                     w = f8_select(ls.delta, F8(1), w);
@@ -575,8 +602,7 @@ KERNEL_VARIANTS(X)
 
 void JOIN(path_quadric_, bounds, KERNEL_ISA)(const struct RTCBoundsFunctionArguments *args)
 {
-    const struct scene *scene = args->geometryUserPtr;
-    const struct quadric *q = &scene->quadrics[args->primID];
+    const struct quadric *q = (const struct quadric *)args->geometryUserPtr + args->primID;
     float half[3];
     for (int axis = 0; axis < 3; axis++) {
         /* The image of a ball reaches |row| * radius along each axis; a disk's, |x, y part of row|
@@ -598,14 +624,14 @@ void JOIN(path_quadric_, bounds, KERNEL_ISA)(const struct RTCBoundsFunctionArgum
 /* Up to eight of the N rays, from `first` on, as lanes */
 struct callback8 {
     struct vec3x8 o, d;
-    f8 tnear, tfar;
+    f8 tnear, tfar, time, id;
     i8 valid;
 };
 
 LANE_FN struct callback8 callback_load(const int *valid, const float *rays, unsigned N,
                                        unsigned first)
 {
-    struct callback8 c = { .d = vec3x8_all(0, 0, 1), .valid = I8(0) };
+    struct callback8 c = { .d = vec3x8_all(0, 0, 1), .time = F8(0), .id = F8(0), .valid = I8(0) };
     for (unsigned lane = 0; lane < LANES && first + lane < N; lane++) {
         const float *ray = rays + first + lane;
         c.o.x[lane] = ray[RAY_ORG_X * N];
@@ -616,6 +642,8 @@ LANE_FN struct callback8 callback_load(const int *valid, const float *rays, unsi
         c.d.z[lane] = ray[RAY_DIR_Z * N];
         c.tnear[lane] = ray[RAY_TNEAR * N];
         c.tfar[lane] = ray[RAY_TFAR * N];
+        c.time[lane] = ray[RAY_TIME * N];
+        c.id[lane] = ray[RAY_ID * N];
         c.valid[lane] = valid[first + lane];
     }
     return c;
@@ -623,8 +651,7 @@ LANE_FN struct callback8 callback_load(const int *valid, const float *rays, unsi
 
 void JOIN(path_quadric_, intersect, KERNEL_ISA)(const struct RTCIntersectFunctionNArguments *args)
 {
-    const struct scene *scene = args->geometryUserPtr;
-    const struct quadric *q = &scene->quadrics[args->primID];
+    const struct quadric *q = (const struct quadric *)args->geometryUserPtr + args->primID;
     unsigned N = args->N;
     float *rays = (float *)args->rayhit;
     unsigned *hits = (unsigned *)args->rayhit + (size_t)RAY_ROWS * N;
@@ -646,8 +673,7 @@ void JOIN(path_quadric_, intersect, KERNEL_ISA)(const struct RTCIntersectFunctio
 
 void JOIN(path_quadric_, occluded, KERNEL_ISA)(const struct RTCOccludedFunctionNArguments *args)
 {
-    const struct scene *scene = args->geometryUserPtr;
-    const struct quadric *q = &scene->quadrics[args->primID];
+    const struct quadric *q = (const struct quadric *)args->geometryUserPtr + args->primID;
     unsigned N = args->N;
     float *rays = (float *)args->ray;
     if (q->material == SCENE_NONE)
@@ -657,6 +683,147 @@ void JOIN(path_quadric_, occluded, KERNEL_ISA)(const struct RTCOccludedFunctionN
         f8 t;
         i8 hit = quadric_intersect(q, c.valid, c.o, c.d, c.tnear, c.tfar, &t);
         for (unsigned todo = i8_bits(hit); todo != 0; todo &= todo - 1)
+            rays[RAY_TFAR * N + first + (unsigned)__builtin_ctz(todo)] = -__builtin_inff();
+    }
+}
+
+/* ---- instances, called back by Embree */
+
+/* The corners of a box, one per lane */
+LANE_FN struct vec3x8 box_corners(const struct RTCBounds *box)
+{
+    i8 lane = lane_numbers();
+    return (struct vec3x8){
+        f8_select((lane & 1) != 0, F8(box->lower_x), F8(box->upper_x)),
+        f8_select((lane & 2) != 0, F8(box->lower_y), F8(box->upper_y)),
+        f8_select((lane & 4) != 0, F8(box->lower_z), F8(box->upper_z)),
+    };
+}
+
+LANE_FN float lanes_min(f8 a)
+{
+    float least = a[0];
+    for (int lane = 1; lane < LANES; lane++)
+        least = a[lane] < least ? a[lane] : least;
+    return least;
+}
+
+/*
+ * Between two of MOTION_STEPS moments a point of the group leaves the straight line by at most an
+ * eighth of its acceleration times the square of the step; with it, the box holds every moment.
+ */
+#define MOTION_STEPS 16
+LANE_FN float motion_bulge(const struct motion *motion, struct vec3x8 corners)
+{
+    float reach = -lanes_min(-f8_sqrt(vec3x8_length2(corners)));
+    float size = 0, change = 0;
+    for (int i = 0; i < 9; i++) {
+        float a = motion->stretch[0][i], b = motion->stretch[1][i];
+        size += __builtin_fmaxf(a * a, b * b);
+        change += (b - a) * (b - a);
+    }
+    float turn = 2 * motion->angle;
+    float acceleration = turn * turn * __builtin_sqrtf(size) + 2 * turn * __builtin_sqrtf(change);
+    return reach * acceleration / (8 * MOTION_STEPS * MOTION_STEPS);
+}
+
+void JOIN(path_instance_, bounds, KERNEL_ISA)(const struct RTCBoundsFunctionArguments *args)
+{
+    const struct kernel_scene *ks = args->geometryUserPtr;
+    const struct scene *scene = ks->scene;
+    const struct instance *instance = &scene->instances[args->primID];
+    const struct RTCBounds *box = &ks->groups[instance->group].bounds;
+    *args->bounds_o = *box;
+    if (!(box->lower_x <= box->upper_x))
+        return; /* there is nothing inside: Embree leaves the empty out */
+    struct vec3x8 corners = box_corners(box), world;
+    f8 low[3], high[3], size = F8(0);
+    int steps = instance->motion != 0 ? MOTION_STEPS : 0;
+    for (int step = 0; step <= steps; step++) {
+        f8 time = F8((float)step * (1.0f / MOTION_STEPS));
+        struct pose8 pose = instance_pose(scene, FX_ALL, true, I8((int32_t)args->primID), time);
+        world = rows8_point(&pose.to_world, corners);
+        size = f8_max(size, vec3x8_max(rows8_magnitude(&pose.to_world, vec3x8_abs(corners))));
+        const f8 at[3] = { world.x, world.y, world.z };
+        for (int axis = 0; axis < 3; axis++) {
+            low[axis] = step == 0 ? at[axis] : f8_min(low[axis], at[axis]);
+            high[axis] = step == 0 ? at[axis] : f8_max(high[axis], at[axis]);
+        }
+    }
+    float margin = -lanes_min(-size) * 0x1p-20f; /* rounding */
+    if (instance->motion != 0)
+        margin += motion_bulge(&scene->motions[instance->motion - 1], corners);
+    args->bounds_o->lower_x = lanes_min(low[0]) - margin;
+    args->bounds_o->lower_y = lanes_min(low[1]) - margin;
+    args->bounds_o->lower_z = lanes_min(low[2]) - margin;
+    args->bounds_o->upper_x = -lanes_min(-high[0]) + margin;
+    args->bounds_o->upper_y = -lanes_min(-high[1]) + margin;
+    args->bounds_o->upper_z = -lanes_min(-high[2]) + margin;
+}
+
+/* The rays of a callback, in the space of the instance it is about */
+LANE_FN void instance_rays(const struct kernel_scene *ks, unsigned instance, struct callback8 *c,
+                           struct RTCRay8 *ray)
+{
+    struct pose8 pose = instance_pose(ks->scene, FX_ALL, true, I8((int32_t)instance), c->time);
+    instance_enter(I8(-1), &pose, &c->o, &c->d);
+    f8_store(ray->org_x, c->o.x);
+    f8_store(ray->org_y, c->o.y);
+    f8_store(ray->org_z, c->o.z);
+    f8_store(ray->dir_x, c->d.x);
+    f8_store(ray->dir_y, c->d.y);
+    f8_store(ray->dir_z, c->d.z);
+    f8_store(ray->tnear, c->tnear);
+    f8_store(ray->tfar, c->tfar);
+    f8_store(ray->time, c->time);
+    f8_store(ray->id, c->id); /* bits, which alpha.h knows the ray by */
+    i8_store(ray->mask, I8(-1));
+    i8_store(ray->flags, I8(0));
+}
+
+void JOIN(path_instance_, intersect, KERNEL_ISA)(const struct RTCIntersectFunctionNArguments *args)
+{
+    const struct kernel_scene *ks = args->geometryUserPtr;
+    unsigned N = args->N, instance = args->primID;
+    float *rays = (float *)args->rayhit;
+    unsigned *hits = (unsigned *)args->rayhit + (size_t)RAY_ROWS * N;
+    for (unsigned first = 0; first < N; first += LANES) {
+        _Alignas(32) int32_t valid[LANES];
+        struct RTCRayHit8 inner;
+        struct callback8 c = callback_load(args->valid, rays, N, first);
+        i8_store(valid, c.valid);
+        instance_rays(ks, instance, &c, &inner.ray);
+        i8_store(inner.hit.geomID, I8(-1));
+        i8_store(inner.hit.primID, I8(-1));
+        i8_store(inner.hit.instID[0], I8(-1));
+        rtc_intersect_inside8(valid, ks->groups[ks->scene->instances[instance].group].rtc, args,
+                              &inner);
+        i8 found = c.valid & (i8_load(inner.hit.geomID) != -1);
+        for (unsigned todo = i8_bits(found); todo != 0; todo &= todo - 1) {
+            unsigned lane = (unsigned)__builtin_ctz(todo), i = first + lane;
+            rays[RAY_TFAR * N + i] = inner.ray.tfar[lane];
+            hits[HIT_GEOM * N + i] = inner.hit.geomID[lane];
+            hits[HIT_PRIM * N + i] = inner.hit.primID[lane];
+            hits[HIT_INST * N + i] = instance;
+        }
+    }
+}
+
+void JOIN(path_instance_, occluded, KERNEL_ISA)(const struct RTCOccludedFunctionNArguments *args)
+{
+    const struct kernel_scene *ks = args->geometryUserPtr;
+    unsigned N = args->N, instance = args->primID;
+    float *rays = (float *)args->ray;
+    for (unsigned first = 0; first < N; first += LANES) {
+        _Alignas(32) int32_t valid[LANES];
+        struct RTCRay8 inner;
+        struct callback8 c = callback_load(args->valid, rays, N, first);
+        i8_store(valid, c.valid);
+        instance_rays(ks, instance, &c, &inner);
+        rtc_occluded_inside8(valid, ks->groups[ks->scene->instances[instance].group].rtc, args,
+                             &inner);
+        i8 found = c.valid & (f8_load(inner.tfar) < 0);
+        for (unsigned todo = i8_bits(found); todo != 0; todo &= todo - 1)
             rays[RAY_TFAR * N + first + (unsigned)__builtin_ctz(todo)] = -__builtin_inff();
     }
 }

@@ -12,10 +12,13 @@
     void path_leaf_##name##_##isa(const struct kernel_scene *ks, struct kernel_thread *thread, \
                                   uint32_t tile, uint32_t replicate, uint64_t leaf,            \
                                   struct path_stats *stats);
-#define PATH_DECLARE_CALLBACKS(isa)                                                       \
-    void path_quadric_bounds_##isa(const struct RTCBoundsFunctionArguments *args);        \
-    void path_quadric_intersect_##isa(const struct RTCIntersectFunctionNArguments *args); \
-    void path_quadric_occluded_##isa(const struct RTCOccludedFunctionNArguments *args);
+#define PATH_DECLARE_CALLBACKS(isa)                                                        \
+    void path_quadric_bounds_##isa(const struct RTCBoundsFunctionArguments *args);         \
+    void path_quadric_intersect_##isa(const struct RTCIntersectFunctionNArguments *args);  \
+    void path_quadric_occluded_##isa(const struct RTCOccludedFunctionNArguments *args);    \
+    void path_instance_bounds_##isa(const struct RTCBoundsFunctionArguments *args);        \
+    void path_instance_intersect_##isa(const struct RTCIntersectFunctionNArguments *args); \
+    void path_instance_occluded_##isa(const struct RTCOccludedFunctionNArguments *args);
 
 #define X(name, mask) PATH_DECLARE(name, avx2)
 PATH_VARIANTS(X)
