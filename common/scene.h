@@ -315,6 +315,12 @@ struct light {
     uint32_t environment; /* 1 + index, or 0 */
 };
 
+/* What the file calls element `index` of an array */
+struct scene_name {
+    uint32_t index;
+    const char *text;
+};
+
 struct scene {
     struct arena *arena;
     struct scene_settings settings;
@@ -351,9 +357,14 @@ struct scene {
     uint32_t texel_block_count; /* TEXEL_BLOCK bytes each */
     struct environment *environments;
     uint32_t environment_count;
+
+    /* For people: names stay in the master, and are in no digest */
+    struct scene_name *material_names;
+    uint32_t material_name_count;
 };
 
-/* The arrays, for code that treats all alike: member, count member, element type, per count */
+/* The arrays that cross the wire, for code that treats all alike: member, count member, element
+ * type, per count */
 #define SCENE_ARRAYS(X)                                     \
     X(positions, vertex_count, float, 3)                    \
     X(normals, normal_count, float, 3)                      \

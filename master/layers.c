@@ -62,7 +62,11 @@ static void object_name(const struct scene *scene, uint32_t index, char *text, s
 
 static void material_name(const struct scene *scene, uint32_t index, char *text, size_t capacity)
 {
-    (void)scene;
+    for (uint32_t i = 0; i < scene->material_name_count; i++)
+        if (scene->material_names[i].index == index) {
+            snprintf(text, capacity, "%s", scene->material_names[i].text);
+            return;
+        }
     snprintf(text, capacity, "material %u", index);
 }
 

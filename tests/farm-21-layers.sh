@@ -40,6 +40,11 @@ render half --spp 16 --aov depth,albedo --exr-type half || fail "half"
 "$bin/pathfarm" compare "$work/half.exr" "$work/none.exr" --max-relmse 1e-6 >/dev/null ||
     fail "half is another picture"
 
+# Named materials keep their names in the manifest
+sed -i 's/^Material "diffuse"/MakeNamedMaterial "chalk" "string type" "diffuse"/; s/^Shape/NamedMaterial "chalk"\nShape/' "$scene"
+render named --spp 4 --aov material || fail "a named material"
+grep -aq '{"chalk":"' "$work/named.exr" || fail "no chalk in the manifest"
+
 refused() { # WORDS OPTIONS...: the render is refused with these words
     local words=$1
     shift

@@ -231,7 +231,7 @@ static void lanes_variants_and_instruction_sets_change_no_bit(void **state)
     scene_free(scene);
 }
 
-/* Metal, glass, a mixture and a coat, each a wall of its own scene */
+/* Glass, a mixture, metals and a coat, each a wall of its own scene */
 static void the_albedo_is_what_a_material_scatters_in_all(void **state)
 {
     (void)state;
@@ -246,7 +246,14 @@ static void the_albedo_is_what_a_material_scatters_in_all(void **state)
             .specular = { 0.1f, 0.4f, 0.2f } },
           0.69,
           0.71 },
-        { { .kind = MATERIAL_CONDUCTOR, .eta = { 1, 1, 1 }, .k = { 0, 0, 0 } }, 0, 0 },
+        { { .kind = MATERIAL_CONDUCTOR, .eta = { 1, 1, 1 }, .k = { 0, 0, 0 } }, 0, 1e-8 },
+        /* A coat that is not there: T = 1, and 1 / pi for the base */
+        { { .kind = MATERIAL_COAT,
+            .reflectance = { 0.6f, 0.6f, 0.6f },
+            .ior = 1,
+            .coat_scale = 0.31830989f },
+          0.5999,
+          0.6001 },
         { { .kind = MATERIAL_CONDUCTOR, .eta = { 0.2f, 0.2f, 0.2f }, .k = { 4, 4, 4 } },
           0.95,
           0.97 },
@@ -254,6 +261,9 @@ static void the_albedo_is_what_a_material_scatters_in_all(void **state)
     for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
         struct scene *scene = scenes_begin(SIDE, SIDE);
         const float wall[4][3] = { { -9, -9, 5 }, { -9, 9, 5 }, { 9, 9, 5 }, { 9, -9, 5 } };
+        for (int entry = 0; entry < COAT_TABLE_LEN; entry++)
+            scene->coat_tables[entry] = 1;
+        scene->coat_table_count = 1;
         scenes_quad(scene, wall, scenes_material(scene, rows[i].material), 0);
         scenes_sky(scene, 1);
         scenes_finish(scene);

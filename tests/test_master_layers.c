@@ -24,6 +24,7 @@
 #define PIXELS 6 /* three by two, at (10, 20) of a larger picture */
 
 static struct mesh meshes[3];
+static struct scene_name names[1] = { { 1, "red \"velvet\"" } };
 
 static struct scene small_scene(void)
 {
@@ -32,7 +33,10 @@ static struct scene small_scene(void)
                                          .crop = { 10, 13, 20, 22 },
                                          .center = { 1e6, 0, -3 } },
                            .meshes = meshes,
-                           .mesh_count = 3 };
+                           .mesh_count = 3,
+                           .material_count = 2,
+                           .material_names = names,
+                           .material_name_count = 1 };
 }
 
 /* A film of two replicates with everything zero in its first leaves, but for what `fill` puts in */
@@ -193,6 +197,24 @@ static void only_the_six_that_cover_most_are_kept(void **state)
     assert_true(index[0] == 0 && coverage[0] == 0);
 }
 
+#define MATERIALS (1u << AOV_MATERIAL)
+
+static void fill_materials(struct node_sums *sums, uint32_t replicate)
+{
+    for (uint32_t s = 0; s < AOV_ID_SAMPLES; s++)
+        sums->values[(aov_channel(MATERIALS, AOV_MATERIAL) + s) * PIXELS] = (float)(1 + replicate);
+}
+
+static void materials_keep_the_names_of_the_file(void **state)
+{
+    (void)state;
+    struct image *image = picture_of(MATERIALS, fill_materials);
+    assert_true(image_channel(image, "CryptoMaterial00.R")[0] == cryptomatte_id("material 0"));
+    assert_true(image_channel(image, "CryptoMaterial00.G")[0] == 0.5f);
+    assert_true(image_channel(image, "CryptoMaterial00.B")[0] == cryptomatte_id("red \"velvet\""));
+    image_free(image);
+}
+
 /* ---- files */
 
 static struct image *odd_image(void)
@@ -271,6 +293,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(layers_are_averages_over_the_hits_in_world_space),
         cmocka_unit_test(identities_are_ranked_by_their_coverage),
+        cmocka_unit_test(materials_keep_the_names_of_the_file),
         cmocka_unit_test(names_hash_as_everywhere),
         cmocka_unit_test(only_the_six_that_cover_most_are_kept),
         cmocka_unit_test(every_compression_keeps_every_bit),
