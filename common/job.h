@@ -19,11 +19,12 @@ struct job_spec {
     uint32_t leaf_samples; /* B: samples per pixel in a leaf, a power of two */
     uint64_t
         planned_samples; /* samples per pixel of one replicate, for samplers that need it; else 0 */
-    uint32_t channel_count; /* of a node's layers; 3 for beauty alone */
+    uint32_t channel_count; /* of a node's layers: aov_channel_count(aovs) */
     uint32_t depth_cap;     /* scattering events after which a path is cut and counted */
     uint32_t kernel;        /* 0: chosen by the effect mask; 1: "everything" */
     uint32_t max_lanes;     /* active lanes, 1..8; 8 except in tests */
-    uint32_t reserved[5];   /* zero */
+    uint32_t aovs;          /* layers besides radiance, a bit each: common/aov.h */
+    uint32_t reserved[4];   /* zero */
 };
 
 /* Tiles cover the crop window row by row; those at the right and bottom edges are cut. */

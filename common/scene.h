@@ -373,6 +373,12 @@ struct light {
     uint32_t environment; /* 1 + index, or 0 */
 };
 
+/* What the file calls element `index` of an array */
+struct scene_name {
+    uint32_t index;
+    const char *text;
+};
+
 struct scene {
     struct arena *arena;
     struct scene_settings settings;
@@ -415,9 +421,14 @@ struct scene {
     uint32_t instance_count;
     struct motion *motions;
     uint32_t motion_count;
+
+    /* For people: names stay in the master, and are in no digest */
+    struct scene_name *material_names;
+    uint32_t material_name_count;
 };
 
-/* The arrays, for code that treats all alike: member, count member, element type, per count */
+/* The arrays that cross the wire, for code that treats all alike: member, count member, element
+ * type, per count */
 #define SCENE_ARRAYS(X)                                       \
     X(positions, vertex_count, float, 3)                      \
     X(normals, normal_count, float, 3)                        \

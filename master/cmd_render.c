@@ -283,6 +283,10 @@ static bool finish(struct render *r)
         fprintf(stderr, "%s\n", err.text);
         return false;
     }
+    uint64_t clamped = exr_values_clamped(farm_picture(r->farm), &r->options.exr);
+    if (clamped > 0)
+        fprintf(stderr, "%s: %" PRIu64 " values were too large for half and became 65504\n",
+                r->options.output, clamped);
     if (!done)
         fprintf(stderr, "%s holds the %" PRIu64 " samples per pixel that were finished\n",
                 r->options.output, film_spp(r->film));
@@ -328,7 +332,11 @@ static int run(struct render *r)
     uv_loop_init(&r->loop);
     progress_open(&r->progress, stderr, isatty(STDERR_FILENO) == 1, uv_now(&r->loop));
     struct picture_facts facts = {
-        .command = r->command, .build = BUILD, .bundle = r->bundle, .spec = &r->setup.spec
+        .command = r->command,
+        .build = BUILD,
+        .bundle = r->bundle,
+        .spec = &r->setup.spec,
+        .format = r->options.exr,
     };
     if (!open_farm(r, &err))
         goto fail_farm;

@@ -7,8 +7,10 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
+#include <math.h>
 #include <openexr.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 #include <unistd.h>
@@ -109,7 +111,44 @@ static bool failed(struct err *err, const char *path, exr_result_t code)
 
 /* ---- writing ---- */
 
-static exr_result_t write_header(exr_context_t context, const struct image *image)
+#define HALF_MAX 65504.f
+
+static exr_compression_t compression_of(enum exr_packing packing)
+{
+    switch (packing) {
+    case EXR_PACKING_ZIPS:
+        return EXR_COMPRESSION_ZIPS;
+    case EXR_PACKING_PIZ:
+        return EXR_COMPRESSION_PIZ;
+    case EXR_PACKING_RLE:
+        return EXR_COMPRESSION_RLE;
+    case EXR_PACKING_NONE:
+        return EXR_COMPRESSION_NONE;
+    case EXR_PACKING_ZIP:
+        break;
+    }
+    return EXR_COMPRESSION_ZIP;
+}
+
+static bool beyond_half(float value)
+{
+    return isfinite(value) && fabsf(value) > HALF_MAX;
+}
+
+uint64_t exr_values_clamped(const struct image *image, const struct exr_format *format)
+{
+    uint64_t clamped = 0;
+    size_t pixels = (size_t)image->width * image->height;
+    for (uint32_t c = 0; format->half && c < image->channel_count; c++) {
+        const struct image_channel *channel = &image->channels[c];
+        for (size_t p = 0; !channel->exact && p < pixels; p++)
+            clamped += beyond_half(channel->values[p]);
+    }
+    return clamped;
+}
+
+static exr_result_t write_header(exr_context_t context, const struct image *image,
+                                 const struct exr_format *format)
 {
     int part;
     exr_result_t result = exr_add_part(context, NULL, EXR_STORAGE_SCANLINE, &part);
@@ -128,11 +167,15 @@ static exr_result_t write_header(exr_context_t context, const struct image *imag
     };
     const exr_attr_v2f_t center = { .x = 0, .y = 0 };
     result = exr_initialize_required_attr(context, part, &display, &data, 1, &center, 1,
-                                          EXR_LINEORDER_INCREASING_Y, EXR_COMPRESSION_ZIP);
+                                          EXR_LINEORDER_INCREASING_Y,
+                                          compression_of(format->packing));
 
-    for (uint32_t i = 0; i < image->channel_count && result == EXR_ERR_SUCCESS; i++)
-        result = exr_add_channel(context, part, image->channels[i].name, EXR_PIXEL_FLOAT,
+    for (uint32_t i = 0; i < image->channel_count && result == EXR_ERR_SUCCESS; i++) {
+        bool half = format->half && !image->channels[i].exact;
+        result = exr_add_channel(context, part, image->channels[i].name,
+                                 half ? EXR_PIXEL_HALF : EXR_PIXEL_FLOAT,
                                  EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1);
+    }
     for (uint32_t i = 0; i < image->attribute_count && result == EXR_ERR_SUCCESS; i++)
         result = exr_attr_set_string(context, part, image->attributes[i].name,
                                      image->attributes[i].text);
@@ -141,7 +184,16 @@ static exr_result_t write_header(exr_context_t context, const struct image *imag
     return result;
 }
 
-static exr_result_t write_pixels(exr_context_t context, const struct image *image)
+/* Rows of one channel, no value beyond half's range; the library rounds them to half */
+static const float *clamped(const float *values, size_t count, float *to)
+{
+    for (size_t i = 0; i < count; i++)
+        to[i] = beyond_half(values[i]) ? copysignf(HALF_MAX, values[i]) : values[i];
+    return to;
+}
+
+/* `scratch` has room for one chunk of all channels, or is NULL when none is half */
+static exr_result_t write_pixels(exr_context_t context, const struct image *image, float *scratch)
 {
     exr_encode_pipeline_t encoder = EXR_ENCODE_PIPELINE_INITIALIZER;
     int32_t lines;
@@ -159,14 +211,18 @@ static exr_result_t write_pixels(exr_context_t context, const struct image *imag
             break;
 
         /* The encoder lists the channels in the file's order, which is the alphabet's */
+        size_t count = (size_t)chunk.height * image->width;
         for (int16_t i = 0; i < encoder.channel_count; i++) {
             exr_coding_channel_info_t *channel = &encoder.channels[i];
-            const float *values = image_channel(image, channel->channel_name);
+            const float *values = image_channel(image, channel->channel_name) +
+                                  (size_t)row * image->width;
+            if (channel->data_type == EXR_PIXEL_HALF)
+                values = clamped(values, count, scratch + (size_t)i * count);
             channel->user_bytes_per_element = sizeof(float);
             channel->user_data_type = EXR_PIXEL_FLOAT;
             channel->user_pixel_stride = sizeof(float);
             channel->user_line_stride = (int32_t)(image->width * sizeof(float));
-            channel->encode_from_ptr = (const uint8_t *)(values + (size_t)row * image->width);
+            channel->encode_from_ptr = (const uint8_t *)values;
         }
         result = exr_encoding_choose_default_routines(context, 0, &encoder);
         if (result == EXR_ERR_SUCCESS)
@@ -176,7 +232,35 @@ static exr_result_t write_pixels(exr_context_t context, const struct image *imag
     return result;
 }
 
+/* The header, then the pixels, through a scratch buffer where they are converted */
+static exr_result_t write_all(exr_context_t context, const struct image *image,
+                              const struct exr_format *format)
+{
+    exr_result_t result = write_header(context, image, format);
+    int32_t lines;
+    if (result == EXR_ERR_SUCCESS)
+        result = exr_get_scanlines_per_chunk(context, 0, &lines);
+    if (result != EXR_ERR_SUCCESS)
+        return result;
+    float *scratch = NULL;
+    if (format->half) {
+        scratch = calloc((size_t)lines * image->width * image->channel_count, sizeof(float));
+        if (scratch == NULL)
+            return EXR_ERR_OUT_OF_MEMORY;
+    }
+    result = write_pixels(context, image, scratch);
+    free(scratch);
+    return result;
+}
+
 bool exr_image_write(const struct image *image, const char *path, struct err *err)
+{
+    const struct exr_format format = { .half = false };
+    return exr_image_write_as(image, &format, path, err);
+}
+
+bool exr_image_write_as(const struct image *image, const struct exr_format *format,
+                        const char *path, struct err *err)
 {
     if (image->width < 1 || image->height < 1 || image->width > SIDE_MAX ||
         image->height > SIDE_MAX || image->channel_count == 0)
@@ -194,9 +278,7 @@ bool exr_image_write(const struct image *image, const char *path, struct err *er
     exr_context_t context = NULL;
     exr_result_t result = exr_start_write(&context, path, EXR_WRITE_FILE_DIRECTLY, &with);
     if (result == EXR_ERR_SUCCESS)
-        result = write_header(context, image);
-    if (result == EXR_ERR_SUCCESS)
-        result = write_pixels(context, image);
+        result = write_all(context, image, format);
     /* Finishing writes the table of chunks, so it can fail too */
     exr_result_t finished = context != NULL ? exr_finish(&context) : EXR_ERR_SUCCESS;
     if (result == EXR_ERR_SUCCESS)

@@ -1,9 +1,11 @@
 #include "master/film.h"
 
+#include "common/aov.h"
 #include "common/err.h"
 #include "common/scene.h"
 #include "master/estimate.h"
 #include "master/image.h"
+#include "master/layers.h"
 
 #include <assert.h>
 #include <inttypes.h>
@@ -35,7 +37,8 @@ struct film {
     unsigned rounds_wanted, rounds_complete;
     uint32_t sealed[ROUND_COUNT]; /* pairs that sealed round r */
     size_t held;
-    struct pair *pairs; /* tile * replicates + replicate */
+    struct pair *pairs;    /* tile * replicates + replicate */
+    struct layers *layers; /* NULL: radiance alone */
 };
 
 static struct pair *pair_of(const struct film *film, uint32_t tile, uint32_t replicate)
@@ -84,6 +87,11 @@ struct film *film_new(const struct scene *scene, const struct job_spec *spec, un
                 spec->replicates, spec->leaf_samples, spec->channel_count);
         return NULL;
     }
+    if (spec->aovs != 0 && spec->channel_count != aov_channel_count(spec->aovs)) {
+        err_set(err, ERR_ARGUMENT, "%" PRIu32 " channels for layers that need %" PRIu32,
+                spec->channel_count, aov_channel_count(spec->aovs));
+        return NULL;
+    }
     uint64_t needed = film_memory_bytes(scene, spec);
     if (limit_bytes != 0 && needed > limit_bytes) {
         err_set(err, ERR_LIMIT,
@@ -117,9 +125,16 @@ struct film *film_new(const struct scene *scene, const struct job_spec *spec, un
     film->pairs = calloc((size_t)film->tiles * film->replicates, sizeof(*film->pairs));
     if (film->pairs == NULL)
         goto fail_pairs;
+    if (spec->aovs != 0) {
+        film->layers = layers_new(scene, spec);
+        if (film->layers == NULL)
+            goto fail_layers;
+    }
     film_extend(film, rounds);
     return film;
 
+fail_layers:
+    free(film->pairs);
 fail_pairs:
     free(film->rects);
 fail_rects:
@@ -159,6 +174,7 @@ void film_free(struct film *film)
             free(open);
         }
     }
+    layers_free(film->layers);
     free(film->pairs);
     free(film->rects);
     free(film);
@@ -344,6 +360,8 @@ static struct tile_means read_tile(const struct film *film, uint32_t tile, struc
                               .means = reading->means,
                               .failed = reading->failed };
     memset(reading->failed, 0, sizeof(reading->failed));
+    if (film->layers != NULL)
+        layers_tile_begin(film->layers, pixels);
 
     for (uint32_t k = 0; k < film->replicates; k++) {
         const struct sum_stack *stack = &pair_of(film, tile, k)->stack;
@@ -355,6 +373,8 @@ static struct tile_means read_tile(const struct film *film, uint32_t tile, struc
 
         uint64_t samples = stack->leaves * film->leaf_samples;
         double n = (double)samples;
+        if (film->layers != NULL)
+            layers_tile_add(film->layers, total, samples);
         double *means = reading->means + (size_t)out.replicates * 3 * pixels;
         for (uint32_t i = 0; i < 3 * pixels; i++)
             means[i] = (double)total->values[i] / n;
@@ -375,7 +395,8 @@ static struct tile_means read_tile(const struct film *film, uint32_t tile, struc
 }
 
 /* The image's planes, in the order of PLANE_NAMES. */
-#define PLANES 7
+#define PLANES  7
+#define SAMPLES 6
 static const char *const PLANE_NAMES[PLANES] = { "R",        "G",        "B",      "stderr.R",
                                                  "stderr.G", "stderr.B", "samples" };
 
@@ -416,7 +437,7 @@ static void write_tile(const struct film *film, uint32_t tile, const struct tile
             write_row(means, c, y, planes[c] + at, planes[3 + c] + at);
         for (uint32_t x = 0; x < rect->width; x++) {
             uint32_t p = y * rect->width + x;
-            planes[6][at + x] = (float)means->samples;
+            planes[SAMPLES][at + x] = (float)means->samples;
             if (means->failed[p / 32] >> p % 32 & 1)
                 for (int c = 0; c < 3; c++)
                     planes[3 + c][at + x] = INFINITY;
@@ -433,10 +454,16 @@ static bool prepare_image(const struct film *film, struct image *image, float *p
         return err_set(err, ERR_ARGUMENT,
                        "an image of %" PRIu32 "x%" PRIu32 " for a film of %" PRIu32 "x%" PRIu32,
                        image->width, image->height, crop->width, crop->height);
-    for (int i = 0; i < PLANES; i++)
-        if (image_channel(image, PLANE_NAMES[i]) == NULL &&
-            image_add_channel(image, PLANE_NAMES[i]) == NULL)
+    for (int i = 0; i < PLANES; i++) {
+        if (image_channel(image, PLANE_NAMES[i]) != NULL)
+            continue;
+        bool exact = i == SAMPLES;
+        if ((exact ? image_add_exact_channel(image, PLANE_NAMES[i])
+                   : image_add_channel(image, PLANE_NAMES[i])) == NULL)
             return err_set(err, ERR_MEMORY, "no memory for the image");
+    }
+    if (film->layers != NULL && !layers_prepare(film->layers, image))
+        return err_set(err, ERR_MEMORY, "no memory for the image");
     for (int i = 0; i < PLANES; i++)
         planes[i] = image_channel(image, PLANE_NAMES[i]);
     image->data_x = (int32_t)crop->x;
@@ -456,8 +483,9 @@ struct image *film_image_new(const struct film *film)
         return NULL;
     }
     /* Not zero: the zeroed memory of a large block is not there before it is written to */
-    for (int i = 0; i < PLANES; i++)
-        memset(planes[i], 0xff, (size_t)image->width * image->height * sizeof(float));
+    for (uint32_t i = 0; i < image->channel_count; i++)
+        memset(image->channels[i].values, 0xff,
+               (size_t)image->width * image->height * sizeof(float));
     return image;
 }
 
@@ -481,6 +509,12 @@ bool film_image(const struct film *film, struct image *image, struct estimate *e
         struct tile_means means = read_tile(film, tile, &reading);
         if (image != NULL)
             write_tile(film, tile, &means, planes);
+        if (image != NULL && film->layers != NULL) {
+            struct tile_rect at = film->rects[tile];
+            at.x -= film->crop.x;
+            at.y -= film->crop.y;
+            layers_tile_write(film->layers, &at, image);
+        }
         if (estimate != NULL)
             estimate_tile(estimate, &means);
     }

@@ -89,6 +89,7 @@ struct image *film_image_new(const struct film *film);
  *                             freedom); +inf, "unknown", below two replicates and where
  *                             non-finite samples were lost
  *   samples                   per pixel, of all replicates
+ *   A depth.Z ...             the layers of the job (master/layers.h)
  * and its data and display windows set. `estimate` (or NULL) gets the error estimate of the same
  * picture. One pass over the sums. False: ERR_MEMORY, or an image of another size.
  */

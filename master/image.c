@@ -36,6 +36,7 @@ float *image_add_channel(struct image *image, const char *name)
     image->channels = channels;
 
     struct image_channel *channel = &channels[image->channel_count];
+    channel->exact = false;
     snprintf(channel->name, sizeof(channel->name), "%s", name);
     size_t pixels = (size_t)image->width * image->height;
     channel->values = calloc(pixels > 0 ? pixels : 1, sizeof(float));
@@ -43,6 +44,14 @@ float *image_add_channel(struct image *image, const char *name)
         return NULL;
     image->channel_count++;
     return channel->values;
+}
+
+float *image_add_exact_channel(struct image *image, const char *name)
+{
+    float *values = image_add_channel(image, name);
+    if (values != NULL)
+        image->channels[image->channel_count - 1].exact = true;
+    return values;
 }
 
 float *image_channel(const struct image *image, const char *name)

@@ -13,6 +13,7 @@ struct err;
 struct image_channel {
     char name[64]; /* "R", "stderr.G", "samples" */
     float *values; /* width * height, row by row, top row first */
+    bool exact;    /* float32 in every file: half would not hold it */
 };
 
 struct image_attribute {
@@ -36,6 +37,7 @@ void image_free(struct image *image);
 
 /* Add a zeroed channel; its values, or NULL when memory runs out. */
 float *image_add_channel(struct image *image, const char *name);
+float *image_add_exact_channel(struct image *image, const char *name);
 /* The values of a channel, or NULL when there is none of that name. */
 float *image_channel(const struct image *image, const char *name);
 

@@ -1,5 +1,6 @@
 #include "master/job_setup.h"
 
+#include "common/aov.h"
 #include "common/effects.h"
 #include "common/err.h"
 #include "common/scene.h"
@@ -51,13 +52,25 @@ static bool needs_planned_samples(uint32_t sampler)
     return sampler == SAMPLER_STRATIFIED || sampler == SAMPLER_HAMMERSLEY;
 }
 
+/* Identities travel as float32, which tells so many apart */
+static bool check_ids(const struct scene *scene, uint32_t aovs, struct err *err)
+{
+    uint64_t objects = (uint64_t)scene->mesh_count + scene->quadric_count;
+    if ((aov_in(aovs, AOV_OBJECT) && objects >= AOV_ID_MAX) ||
+        (aov_in(aovs, AOV_MATERIAL) && scene->material_count >= AOV_ID_MAX))
+        return err_set(err, ERR_LIMIT, "--aov: fewer than %d objects and materials have ids",
+                       AOV_ID_MAX);
+    return true;
+}
+
 static bool shape(struct job_setup *setup, const struct render_options *o, struct err *err)
 {
     const struct scene_settings *s = &setup->scene->settings;
     struct job_spec *spec = &setup->spec;
     *spec = (struct job_spec){
         .seed = o->seed,
-        .channel_count = 3,
+        .channel_count = aov_channel_count(o->aovs),
+        .aovs = o->aovs,
         .depth_cap = s->max_depth < DEPTH_CAP ? s->max_depth : DEPTH_CAP,
         .kernel = o->everything,
         .max_lanes = o->lanes,
@@ -99,7 +112,8 @@ bool job_setup_open(const struct render_options *options, struct job_setup *setu
     pbrt_notes_free(&notes);
     if (setup->scene == NULL)
         return false;
-    if (apply_options(setup->scene, options, err) && shape(setup, options, err))
+    if (apply_options(setup->scene, options, err) && check_ids(setup->scene, options->aovs, err) &&
+        shape(setup, options, err))
         return true;
     job_setup_close(setup);
     return false;

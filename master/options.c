@@ -1,5 +1,6 @@
 #include "master/options.h"
 
+#include "common/aov.h"
 #include "common/err.h"
 #include "common/scene.h"
 #include "common/sumtree.h"
@@ -193,6 +194,62 @@ PARSER(write_every)
     return parse_seconds(value, &o->write_every_s, err);
 }
 
+/* "NAME,..."; several options add up */
+PARSER(aov)
+{
+    static const char *const NAMES[] = {
+#define X(name, bit, text, channels) [bit] = text,
+        AOV_MAP(X)
+#undef X
+            NULL
+    };
+    for (const char *at = value; at != NULL;) {
+        char name[32];
+        const char *comma = strchr(at, ',');
+        size_t length = comma == NULL ? strlen(at) : (size_t)(comma - at);
+        snprintf(name, sizeof(name), "%.*s", (int)length, at);
+        at = comma == NULL ? NULL : comma + 1;
+
+        unsigned aov = 0;
+        while (aov < AOV_COUNT && strcmp(name, NAMES[aov]) != 0)
+            aov++;
+        if (aov < AOV_COUNT) {
+            o->aovs |= 1u << aov;
+            continue;
+        }
+        if (strcmp(name, "motion") == 0)
+            return err_set(err, ERR_UNSUPPORTED,
+                           "motion vectors need moving objects, which are not supported yet");
+        const char *nearest = options_nearest(name, NAMES);
+        return err_set(err, ERR_ARGUMENT, "there is no layer \"%s\"; %s%s", name,
+                       nearest == NULL ? "there are alpha, depth, position, normal, "
+                                         "geometric_normal, albedo, object, material"
+                                       : "the nearest is ",
+                       nearest == NULL ? "" : nearest);
+    }
+    return true;
+}
+
+PARSER(exr_type)
+{
+    if (strcmp(value, "float") != 0 && strcmp(value, "half") != 0)
+        return err_set(err, ERR_ARGUMENT, "\"%s\" is neither float nor half", value);
+    o->exr.half = value[0] == 'h';
+    return true;
+}
+
+PARSER(exr_compression)
+{
+#define X(name, number, text)                \
+    if (strcmp(value, text) == 0) {          \
+        o->exr.packing = EXR_PACKING_##name; \
+        return true;                         \
+    }
+    EXR_PACKING_MAP(X)
+#undef X
+    return err_set(err, ERR_ARGUMENT, "\"%s\" is none of zip, zips, piz, rle, none", value);
+}
+
 PARSER(kernel)
 {
     if (strcmp(value, "auto") != 0 && strcmp(value, "everything") != 0)
@@ -264,6 +321,11 @@ static const struct option {
     { "--report", "FILE", set_report, "what was done, as JSON" },
     { "--write-every", "T", set_write_every, "refresh picture and PNG while rendering" },
     { "--tev", "HOST:PORT", set_tev, "show the picture in a tev viewer while rendering" },
+    { "--aov", "NAME,...", set_aov,
+      "more layers: alpha, depth, position, normal, geometric_normal, albedo, object, material" },
+    { "--exr-type", "half|float", set_exr_type,
+      "half: 16 bits, but for positions, depths and ids (float)" },
+    { "--exr-compression", "NAME", set_exr_compression, "zip (default), zips, piz, rle or none" },
     { "--lenient", NULL, set_lenient, "warn about what the scene asks for in vain" },
     { "--quiet", NULL, set_quiet, "no progress" },
     { "--verbose", NULL, set_verbose, "what workers do" },

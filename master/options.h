@@ -5,6 +5,8 @@
 #ifndef MASTER_OPTIONS_H
 #define MASTER_OPTIONS_H
 
+#include "master/exr.h"
+
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
@@ -33,6 +35,8 @@ struct render_options {
     char listen_host[256], tev_host[256];
     unsigned listen_port, tev_port;
     double write_every_s; /* 0: only at the end */
+    uint32_t aovs;        /* layers besides radiance: common/aov.h */
+    struct exr_format exr;
     bool lenient, everything, no_cache, quiet, verbose;
     uint32_t lanes;
     uint32_t lease_ms, leases_in_flight, heartbeat_ms, dead_after_ms, stall_ms; /* 0: default */

@@ -56,7 +56,7 @@ static void note_counts(struct pbrt_reader *reader, const struct build_counts *c
 static struct scene *finish(struct pbrt_reader *reader, const char *name)
 {
     struct build_counts counts;
-    if (!pbrt_view_finish(reader))
+    if (!pbrt_view_finish(reader) || !pbrt_materials_finish(reader))
         return NULL;
     struct scene *scene = scene_build_finish(reader->build, &counts, reader->err);
     if (scene != NULL)

@@ -1,5 +1,6 @@
 #include "master/pbrt_materials.h"
 
+#include "common/arena.h"
 #include "master/coat.h"
 #include "master/pbrt_color.h"
 #include "master/pbrt_reader.h"
@@ -619,4 +620,25 @@ static bool resolve(struct pbrt_reader *reader, uint32_t index, int depth, uint3
 bool pbrt_materials_resolve(struct pbrt_reader *reader, uint32_t *in_scene)
 {
     return resolve(reader, reader->state.material, 0, in_scene);
+}
+
+bool pbrt_materials_finish(struct pbrt_reader *reader)
+{
+    struct scene *scene = reader->build->scene;
+    size_t count = reader->materials.names.count;
+    const struct pbrt_material_name *names = reader->materials.names.data;
+    const struct pbrt_material *definitions = reader->materials.definitions.data;
+    scene->material_names = arena_alloc(scene->arena, count, sizeof(*scene->material_names));
+    if (scene->material_names == NULL)
+        return pbrt_report_no_memory(reader);
+    for (size_t i = 0; i < count; i++) {
+        uint32_t index = definitions[names[i].definition].in_scene;
+        if (index == SCENE_NONE)
+            continue;
+        const char *text = arena_text(scene->arena, names[i].text, names[i].length);
+        if (text == NULL)
+            return pbrt_report_no_memory(reader);
+        scene->material_names[scene->material_name_count++] = (struct scene_name){ index, text };
+    }
+    return true;
 }

@@ -37,4 +37,7 @@ bool pbrt_materials_use(struct pbrt_reader *reader, const struct pbrt_token *nam
  * there. */
 bool pbrt_materials_resolve(struct pbrt_reader *reader, uint32_t *in_scene);
 
+/* At the end: the names of those that the scene uses become the scene's. */
+bool pbrt_materials_finish(struct pbrt_reader *reader);
+
 #endif

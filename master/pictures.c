@@ -60,11 +60,13 @@ static bool add_facts(const struct pictures *p, struct image *image, bool comple
 {
     const struct picture_facts *f = &p->facts;
     char seed[32], spp[32], replicates[32], dof[32], scene_hex[DIGEST_HEX_SIZE],
-        job_hex[DIGEST_HEX_SIZE];
+        job_hex[DIGEST_HEX_SIZE], clamped[32];
     snprintf(seed, sizeof(seed), "%llu", (unsigned long long)f->spec->seed);
     snprintf(spp, sizeof(spp), "%llu", (unsigned long long)film_spp(p->film));
     snprintf(replicates, sizeof(replicates), "%u", f->spec->replicates);
     snprintf(dof, sizeof(dof), "%u", f->spec->replicates - 1);
+    snprintf(clamped, sizeof(clamped), "%llu",
+             (unsigned long long)exr_values_clamped(image, &f->format));
     const struct {
         const char *name, *text;
     } attributes[] = {
@@ -83,7 +85,7 @@ static bool add_facts(const struct pictures *p, struct image *image, bool comple
         if (!image_set_attribute(image, attributes[i].name, attributes[i].text))
             return false;
     }
-    return true;
+    return !f->format.half || image_set_attribute(image, "pathfarm.clampedToHalf", clamped);
 }
 
 /* Make p->image the picture, with the metadata. */
@@ -99,7 +101,7 @@ static bool copy_with_facts(struct pictures *p, const struct image *picture, boo
 
 static bool write_both(const struct pictures *p, struct err *err)
 {
-    return exr_image_write(p->image, p->exr_path, err) &&
+    return exr_image_write_as(p->image, &p->facts.format, p->exr_path, err) &&
            png_preview_write(p->image, p->png_path, err);
 }
 

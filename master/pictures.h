@@ -11,6 +11,7 @@
 #define MASTER_PICTURES_H
 
 #include "common/job.h"
+#include "master/exr.h"
 
 #include <stdbool.h>
 #include <uv.h>
@@ -20,12 +21,13 @@ struct err;
 struct film;
 struct image;
 
-/* What is written into the files' metadata, besides what the film says. */
+/* What is written into the files' metadata, besides what the film says, and how pixels are. */
 struct picture_facts {
     const char *command, *build;
     const char *profile_text;
     const struct bundle *bundle;
     const struct job_spec *spec;
+    struct exr_format format;
 };
 
 struct pictures;

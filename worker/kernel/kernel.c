@@ -1,10 +1,12 @@
 #include "worker/kernel/kernel.h"
 
+#include "common/aov.h"
 #include "common/effects.h"
 #include "common/elem.h"
 #include "common/err.h"
 #include "proto/digest.h"
 #include "worker/kernel/alpha.h"
+#include "worker/kernel/first_hit.h"
 #include "worker/kernel/micro.h"
 #include "worker/kernel/path.h"
 #include "worker/renderer.h"
@@ -405,6 +407,11 @@ struct kernel_scene *kernel_open(const struct scene *scene, const struct job_spe
         err_set(err, ERR_ARGUMENT, "%u active lanes; it must be 1 to 8", spec->max_lanes);
         goto fail;
     }
+    if ((spec->aovs & ~AOV_ALL) != 0 || spec->channel_count != aov_channel_count(spec->aovs)) {
+        err_set(err, ERR_ARGUMENT, "%u channels for the layers %#x, which need %u",
+                spec->channel_count, spec->aovs, aov_channel_count(spec->aovs & AOV_ALL));
+        goto fail;
+    }
     bool avx2 = has_avx2();
     const struct variant *variant = variant_for(effects, avx2 ? spec->kernel : 1);
     ks->variant = variant->name;
@@ -463,18 +470,26 @@ struct kernel_thread *kernel_thread_open(const struct kernel_scene *ks, struct e
     }
     thread->slot_count = TILE_PIXELS * ks->spec.leaf_samples;
     thread->radiance = calloc((size_t)thread->slot_count * 3, sizeof(float));
-    if (thread->radiance == NULL) {
-        free(thread);
-        err_set(err, ERR_MEMORY, "no memory for a render thread");
-        return NULL;
+    if (thread->radiance == NULL)
+        goto fail;
+    if (ks->spec.aovs != 0) {
+        thread->first_hits = calloc(thread->slot_count, sizeof(*thread->first_hits));
+        if (thread->first_hits == NULL)
+            goto fail;
     }
     return thread;
+
+fail:
+    kernel_thread_close(thread);
+    err_set(err, ERR_MEMORY, "no memory for a render thread");
+    return NULL;
 }
 
 void kernel_thread_close(struct kernel_thread *thread)
 {
     if (thread == NULL)
         return;
+    free(thread->first_hits);
     free(thread->radiance);
     free(thread);
 }
@@ -535,14 +550,20 @@ bool kernel_leaf(const struct kernel_scene *ks, struct kernel_thread *thread, ui
                  uint32_t replicate, uint64_t leaf, struct node_sums *sums, struct err *err)
 {
     struct tile_rect rect = tile_rect(ks->scene, tile);
-    if (sums->pixel_count != rect.width * rect.height || sums->channel_count != 3)
+    if (sums->pixel_count != rect.width * rect.height ||
+        sums->channel_count != ks->spec.channel_count)
         return err_set(err, ERR_INTERNAL, "sums of tile %u have the wrong shape", tile);
     memset(&sums->stats, 0, sizeof(sums->stats));
     memset(sums->failed, 0, sizeof(sums->failed));
 
+    uint64_t first_sample = leaf * ks->spec.leaf_samples;
+    if (thread->first_hits != NULL)
+        memset(thread->first_hits, 0, thread->slot_count * sizeof(*thread->first_hits));
     struct path_stats stats = { 0 };
     ks->leaf(ks, thread, tile, replicate, leaf, &stats);
-    sum_samples(ks, thread, leaf * ks->spec.leaf_samples, sums);
+    sum_samples(ks, thread, first_sample, sums);
+    if (thread->first_hits != NULL)
+        first_hit_sum(ks, thread->first_hits, first_sample, sums);
     sums->stats.samples = (uint64_t)sums->pixel_count * ks->spec.leaf_samples;
     sums->stats.rays_closest = stats.rays_closest;
     sums->stats.rays_shadow = stats.rays_shadow;

@@ -24,6 +24,7 @@
 #define SPAWN_ULPS 0x1p-20f
 
 struct alpha_mesh;
+struct first_hit;
 struct kernel_thread;
 struct path_stats;
 struct ray_log;
@@ -73,6 +74,7 @@ struct kernel_scene {
 struct kernel_thread {
     float *radiance;
     uint32_t slot_count;                /* capacity in samples, a multiple of 8 */
+    struct first_hit *first_hits;       /* of every sample; NULL when no layer wants them */
     struct ray_log *log;                /* NULL, or where the rays are recorded */
     struct texture_point points[LANES]; /* where lanes evaluate textures, */
     struct material materials[LANES];   /* and what they make of the materials there */

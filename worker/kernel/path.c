@@ -8,6 +8,7 @@
 #include "common/hash.h"
 #include "common/sampler.h"
 #include "worker/kernel/camera.h"
+#include "worker/kernel/first_hit.h"
 #include "worker/kernel/frame.h"
 #include "worker/kernel/hit.h"
 #include "worker/kernel/instance.h"
@@ -234,6 +235,30 @@ LANE_FN void texture_materials(const struct kernel_scene *ks, struct kernel_thre
             s->ns.y[lane] = ns[1];
             s->ns.z[lane] = ns[2];
         }
+    }
+}
+
+/* The first hits of eight camera paths, for the layers of common/aov.h */
+struct first_hit8 {
+    i8 slot, object, material;
+    struct vec3x8 p, ns, ng, albedo;
+};
+
+/* Not inline: most jobs have no layers, and then this must not cost the loop a register */
+static __attribute__((noinline, cold)) void
+store_first_hits(const struct first_hit8 *at, unsigned lanes, struct kernel_thread *thread)
+{
+    for (; lanes != 0; lanes &= lanes - 1) {
+        unsigned lane = (unsigned)__builtin_ctz(lanes);
+        thread->first_hits[at->slot[lane]] = (struct first_hit){
+            .seen = 1,
+            .object = (uint32_t)at->object[lane],
+            .material = (uint32_t)at->material[lane],
+            .p = { at->p.x[lane], at->p.y[lane], at->p.z[lane] },
+            .ns = { at->ns.x[lane], at->ns.y[lane], at->ns.z[lane] },
+            .ng = { at->ng.x[lane], at->ng.y[lane], at->ng.z[lane] },
+            .albedo = { at->albedo.x[lane], at->albedo.y[lane], at->albedo.z[lane] },
+        };
     }
 }
 
@@ -538,6 +563,19 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
                               vertex_dimension(&path, SAMPLE_BSDF_LOBE));
         struct bsdf_sample8 bs = bsdf_sample(&bsdf, fx, TRANSPORT_RADIANCE, go, wo, lobe, scatter_u,
                                              scatter_v);
+
+        /* What the other layers of the picture show: objects are the meshes, then the quadrics */
+        if (__builtin_expect(thread->first_hits != NULL, 0)) {
+            i8 first = hit & (path.events == 0), object = geometry;
+            if (fx & FX_QUADRIC)
+                object = object + (prim & (geometry == ks->quadric_geometry));
+            struct vec3x8 albedo = vec3x8_scale(bs.weight, bs.eta * bs.eta);
+            albedo = vec3x8_select(bs.valid, albedo, vec3x8_all(0, 0, 0));
+            const struct first_hit8 at = {
+                path.slot, object, s.material, s.p, frame.n, s.ng, albedo
+            };
+            store_first_hits(&at, i8_bits(first), thread);
+        }
         struct vec3x8 wi_world = frame_to_world(&frame, bs.wi);
         f8 wi_side = vec3x8_dot(s.ng, wi_world);
         go &= bs.valid;
