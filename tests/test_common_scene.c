@@ -207,6 +207,74 @@ static void every_kind_of_damage_is_found(void **state)
 #undef X
 }
 
+/* A sky and a point light with a picture each; two pictures of 2 x 2 */
+static struct scene *two_environments(void)
+{
+    struct scene *s = scene_new();
+    s->texels = arena_alloc(s->arena, 2, TEXEL_BLOCK);
+    s->texel_block_count = 2;
+    s->picture_count = s->environment_count = s->light_count = 2;
+    s->pictures = arena_alloc(s->arena, 2, sizeof(struct scene_picture));
+    s->environments = arena_alloc(s->arena, 2, sizeof(struct environment));
+    s->lights = arena_alloc(s->arena, 2, sizeof(struct light));
+    for (uint32_t i = 0; i < 2; i++) {
+        s->pictures[i] = (struct scene_picture){ .first_block = i,
+                                                 .width = 2,
+                                                 .height = 2,
+                                                 .channels = 1,
+                                                 .levels = 1,
+                                                 .texel = TEXEL_FLOAT };
+        s->environments[i] = (struct environment){ .picture = i,
+                                                   .light = i,
+                                                   .to_light = { 1, 0, 0, 0, 0, -1, 0, 1, 0 },
+                                                   .scale = { 1, 1, 1 } };
+        s->lights[i] = (struct light){ .kind = i ? LIGHT_POINT : LIGHT_SKY,
+                                       .pick = 0.5f,
+                                       .environment = i + 1 };
+    }
+    s->environments[1].layout = ENVIRONMENT_PROJECTION;
+    s->environments[1].to_light[0] = 3;
+    s->settings.effects = scene_effects(s);
+    return s;
+}
+
+static void damaged_environments_are_found(void **state)
+{
+    (void)state;
+    struct scene *whole = two_environments();
+    struct err err = { .text = "" };
+    if (!scene_check(whole, &err))
+        fail_msg("%s", err.text);
+    assert_int_equal(whole->settings.effects, FX_ENVIRONMENT | FX_DELTA_LIGHT | FX_MANY_LIGHTS);
+    scene_free(whole);
+#define ENVIRONMENT_DAMAGES(X)                                               \
+    X(s->environments[0].picture = 2, "no picture")                          \
+    X(s->environments[0].layout = 3, "shape of its picture")                 \
+    X(s->pictures[0].height = 1, "shape of its picture")                     \
+    X(s->environments[0].light = 1, "do not know each other")                \
+    X(s->environments[0].light = 2, "do not know each other")                \
+    X(s->environments[0].to_light[0] = 3, "not turned by a rotation")        \
+    X(s->environments[0].to_light[0] = NAN, "not valid")                     \
+    X(s->environments[1].to_light[1] = INFINITY, "not valid")                \
+    X(s->environments[0].scale[1] = -1, "not valid")                         \
+    X(s->lights[0].environment = 3, "do not know each other")                \
+    X(s->lights[1].environment = 0, "do not know each other")                \
+    X(s->lights[1].kind = LIGHT_SPOT, "cannot have its environment")         \
+    X(s->environments[0].layout = ENVIRONMENT_PROJECTION, "cannot have its") \
+    X(s->settings.sky_light = 0, "not a light of the sky")
+#define X(damage, says)                                                             \
+    do {                                                                            \
+        struct scene *s = two_environments();                                       \
+        damage;                                                                     \
+        err_clear(&err);                                                            \
+        if (scene_check(s, &err) || strstr(err.text, says) == NULL)                 \
+            fail_msg("%s: \"%s\" was wanted, not \"%s\"", #damage, says, err.text); \
+        scene_free(s);                                                              \
+    } while (0);
+    ENVIRONMENT_DAMAGES(X)
+#undef X
+}
+
 /* --- Effects ------------------------------------------------------------------------------ */
 
 static void each_effect_is_set_by_what_needs_it(void **state)
@@ -271,6 +339,7 @@ int main(void)
         cmocka_unit_test(a_new_scene_is_empty_and_valid),
         cmocka_unit_test(a_whole_scene_passes),
         cmocka_unit_test(every_kind_of_damage_is_found),
+        cmocka_unit_test(damaged_environments_are_found),
         cmocka_unit_test(each_effect_is_set_by_what_needs_it),
         cmocka_unit_test(effects_are_printed_and_cut),
     };
