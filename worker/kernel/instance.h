@@ -214,7 +214,7 @@ LANE_FN void instance_leave(i8 inside, unsigned fx, const struct pose8 *pose, st
         ns = vec3x8_unit(rows8_transposed(&pose->to_object, s->ns));
         n = vec3x8_select(vec3x8_dot(ns, n) < 0, vec3x8_neg(n), n);
     }
-    if (fx & FX_TEXTURE) {
+    if (fx & HIT_MAPPED) {
         s->dpdu = vec3x8_select(inside, rows8_vector(&pose->to_world, s->dpdu), s->dpdu);
         s->dpdv = vec3x8_select(inside, rows8_vector(&pose->to_world, s->dpdv), s->dpdv);
     }
