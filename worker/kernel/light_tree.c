@@ -55,11 +55,12 @@ static void set3(double to[3], const float from[3])
         to[axis] = (double)from[axis];
 }
 
+/* Not by fmin and fmax, which are calls: most of the time of a build is spent here */
 static void grow_box(double low[3], double high[3], const double a[3], const double b[3])
 {
     for (int axis = 0; axis < 3; axis++) {
-        low[axis] = fmin(low[axis], a[axis]);
-        high[axis] = fmax(high[axis], b[axis]);
+        low[axis] = a[axis] < low[axis] ? a[axis] : low[axis];
+        high[axis] = b[axis] > high[axis] ? b[axis] : high[axis];
     }
 }
 
