@@ -90,6 +90,11 @@ uint32_t scene_effects(const struct scene *scene)
         mask |= light_effects(&scene->lights[i]);
     if (scene->light_count > 1)
         mask |= FX_MANY_LIGHTS;
+    uint32_t finite = 0;
+    for (uint32_t i = 0; i < scene->light_count; i++)
+        finite += scene->lights[i].kind != LIGHT_DISTANT && scene->lights[i].kind != LIGHT_SKY;
+    if (finite > LIGHT_TREE_ABOVE)
+        mask |= FX_LIGHT_TREE;
     if (settings->sampler != SAMPLER_SOBOL)
         mask |= FX_SAMPLER_ANY;
     if (filter->kind != FILTER_BOX || filter->radius[0] != 0.5f || filter->radius[1] != 0.5f)

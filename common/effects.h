@@ -40,7 +40,9 @@ struct scene;
     X(COATED_CONDUCTOR, 25, "coated-conductor", "a dielectric coat over metal")          \
     X(ANISOTROPIC, 26, "anisotropic", "roughness that depends on direction")             \
     X(INSTANCE, 27, "instance", "shapes that stand in several places, stored once")      \
-    X(MOTION, 28, "motion", "things that move while the shutter is open")
+    X(MOTION, 28, "motion", "things that move while the shutter is open")                \
+    X(LIGHT_TREE, 29, "light-tree",                                                      \
+      "so many lights that each receiver chooses among them by a tree")
 
 enum effect {
 #define X(name, bit, printed, meaning) FX_##name = 1u << (bit),
@@ -53,6 +55,12 @@ enum {
     FX_ALL = EFFECT_MAP(X) 0
 #undef X
 };
+
+/*
+ * FX_LIGHT_TREE: with more lights than this, not counting those at infinity. Measured on a ceiling
+ * of 64 equal lights, where choosing by receiver gains least, the tree just pays for itself.
+ */
+#define LIGHT_TREE_ABOVE 64
 
 /* The mask of a finished scene. Pure; any thread. */
 uint32_t scene_effects(const struct scene *scene);

@@ -123,7 +123,7 @@ static __attribute__((noinline)) struct light_sample8 take(const struct kernel_s
                                                            struct random_lanes *r)
 {
     f8 u = random_f8(r), v = random_f8(r), pick = random_f8(r);
-    return light_sample(ks, FX_ALL, I8(-1), vec3x8_all(1, 2, 3), pick, u, v);
+    return light_sample(ks, FX_ALL, I8(-1), vec3x8_all(1, 2, 3), vec3x8_all(0, 0, 0), pick, u, v);
 }
 
 /* Density times solid angle of every texel, and their sum */
@@ -618,7 +618,7 @@ static void a_point_light_shows_its_picture(void **state)
         const float *p = cases[i].at;
         float d2 = p[0] * p[0] + p[1] * p[1] + p[2] * p[2];
         struct light_sample8 s = light_sample(ks, FX_ALL, I8(-1), vec3x8_all(p[0], p[1], p[2]),
-                                              F8(0), F8(0), F8(0));
+                                              vec3x8_all(0, 0, 0), F8(0), F8(0), F8(0));
         EXPECT_NEAR(s.radiance.y[0], cases[i].want / d2, 1e-5);
         assert_true(s.valid[0] && s.delta[0]);
     }

@@ -150,6 +150,9 @@ static bool lights_open(struct kernel_scene *ks, struct err *err)
     ks->light_steps = 1;
     while ((uint32_t)ks->light_steps * 2 < n)
         ks->light_steps *= 2;
+    if ((scene->settings.effects & FX_LIGHT_TREE) &&
+        !light_tree_open(&ks->light_tree, scene, ks->light_pmf, err))
+        return false;
     return environments_open(ks, err);
 }
 
@@ -458,6 +461,7 @@ void kernel_close(struct kernel_scene *ks)
     texture_set_close(ks->textures);
     free(ks->textured);
     free(ks->alpha_meshes);
+    light_tree_close(&ks->light_tree);
     free(ks);
 }
 

@@ -12,6 +12,7 @@
 #include "worker/kernel/embree.h"
 #include "worker/kernel/environment.h"
 #include "worker/kernel/filter.h"
+#include "worker/kernel/light_tree.h"
 #include "worker/kernel/textured.h"
 
 #include <stdint.h>
@@ -54,9 +55,10 @@ struct kernel_scene {
     float *light_cdf;    /* light_count + 1 entries, from 0 to 1 */
     float *light_pmf;    /* differences of light_cdf */
     float *light_extent; /* largest coordinate or radius: its points are rounded relative to this */
-    int32_t polygon_fans;                   /* triangles of the widest polygon's fan, at least 2 */
-    int lights_sampled;                     /* any light with pmf > 0 */
-    float far_distance;                     /* beyond everything in the scene */
+    struct light_tree light_tree; /* by which they are chosen instead, when there are many */
+    int32_t polygon_fans;         /* triangles of the widest polygon's fan, at least 2 */
+    int lights_sampled;           /* any light with pmf > 0 */
+    float far_distance;           /* beyond everything in the scene */
     struct environment_table *environments; /* scene->environment_count */
 
     /* Textures */

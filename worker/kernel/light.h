@@ -17,6 +17,7 @@
 #include "worker/kernel/environment.h"
 #include "worker/kernel/frame.h"
 #include "worker/kernel/kernel_scene.h"
+#include "worker/kernel/light_tree.h"
 
 struct light_sample8 {
     struct vec3x8 point; /* on the light, moved towards the receiver by its rounding error */
@@ -39,25 +40,46 @@ LANE_FN f8 mis_weight(f8 own, f8 other)
     return 1 / (1 + ratio * ratio);
 }
 
-/* ---- choosing a light: binary search in the cumulative pick probabilities */
+/* ---- choosing a light */
 
-LANE_FN i8 light_choose(const struct kernel_scene *ks, unsigned fx, f8 u)
+/*
+ * Choose by u, for the lanes in `valid`: in the tree of lights, where there is one, by what the
+ * receiver at p may get; else by binary search in the cumulative pick probabilities. n is the unit
+ * normal on the side that light is wanted from, or zero where it may come from anywhere.
+ */
+LANE_FN i8 light_choose(const struct kernel_scene *ks, unsigned fx, i8 valid, struct vec3x8 p,
+                        struct vec3x8 n, f8 u, f8 *chosen)
 {
-    if (!(fx & FX_MANY_LIGHTS))
-        return I8(0);
+    *chosen = F8(1);
     i8 low = I8(0);
+    if (!(fx & FX_MANY_LIGHTS))
+        return low;
+    if ((fx & FX_LIGHT_TREE) && ks->light_tree.node_count > 0) {
+        light_tree_choose(&ks->light_tree, i8_bits(valid), &p, &n, &u, &low, chosen);
+        return low;
+    }
     for (int32_t step = ks->light_steps; step > 0; step >>= 1) {
         i8 next = low + step;
         i8 inside = next < (int32_t)ks->light_count;
         f8 bound = f8_gather(ks->light_cdf, i8_select(inside, next, I8(0)));
         low = i8_select(inside & (u >= bound), next, low);
     }
+    *chosen = f8_gather(ks->light_pmf, low);
     return low;
 }
 
-LANE_FN f8 light_pick(const struct kernel_scene *ks, unsigned fx, i8 light)
+/* The probability of that choice */
+LANE_FN f8 light_pick(const struct kernel_scene *ks, unsigned fx, i8 valid, struct vec3x8 p,
+                      struct vec3x8 n, i8 light)
 {
-    return fx & FX_MANY_LIGHTS ? f8_gather(ks->light_pmf, light) : F8(1);
+    if (!(fx & FX_MANY_LIGHTS))
+        return F8(1);
+    if ((fx & FX_LIGHT_TREE) && ks->light_tree.node_count > 0) {
+        f8 pick;
+        light_tree_pick(&ks->light_tree, i8_bits(valid), &p, &n, &light, &pick);
+        return pick;
+    }
+    return f8_gather(ks->light_pmf, light);
 }
 
 /* ---- convex polygons */
@@ -379,10 +401,11 @@ LANE_FN i8 light_faces(const struct kernel_scene *ks, unsigned fx, i8 light, f8 
 
 /*
  * Density with which light_sample would have chosen the direction from p to the point y of area
- * light `light`, whose normal there is n; the choice of the light included. For valid lanes.
+ * light `light`, whose normal there is n; the choice of the light included. For valid lanes; side
+ * is the receiver's normal as in light_choose.
  */
 LANE_FN f8 light_pdf(const struct kernel_scene *ks, unsigned fx, i8 valid, i8 light,
-                     struct vec3x8 p, struct vec3x8 y, struct vec3x8 n)
+                     struct vec3x8 p, struct vec3x8 side, struct vec3x8 y, struct vec3x8 n)
 {
     i8 kind = LIGHT_I(kind);
     f8 pdf = F8(0);
@@ -417,7 +440,7 @@ LANE_FN f8 light_pdf(const struct kernel_scene *ks, unsigned fx, i8 valid, i8 li
         f8 by_area = f8_select(cosine > 0, d2 / (cosine * area), F8(0));
         pdf = f8_select(lanes, by_area, pdf);
     }
-    return pdf * light_pick(ks, fx, light);
+    return pdf * light_pick(ks, fx, valid, p, side, light);
 }
 
 /* The smoothstep of pbrt-v4's spot light, between its two cones */
@@ -471,16 +494,17 @@ LANE_FN void sky_sample(const struct kernel_scene *ks, unsigned fx, i8 sky, i8 l
 }
 
 /*
- * Choose a light by `pick` and a point on it by (u, v), as seen from p. Lanes that get no light
- * (the light faces away, has no extent seen from here) come back with valid = 0.
+ * Choose a light by `pick` and a point on it by (u, v), as seen from p; side as in light_choose.
+ * Lanes that get no light (the light faces away, has no extent seen from here) come back with
+ * valid = 0.
  */
 LANE_FN struct light_sample8 light_sample(const struct kernel_scene *ks, unsigned fx, i8 valid,
-                                          struct vec3x8 p, f8 pick, f8 u, f8 v)
+                                          struct vec3x8 p, struct vec3x8 side, f8 pick, f8 u, f8 v)
 {
     struct light_sample8 out;
-    i8 light = light_choose(ks, fx, pick);
+    f8 chosen;
+    i8 light = light_choose(ks, fx, valid, p, side, pick, &chosen);
     i8 kind = LIGHT_I(kind);
-    f8 chosen = light_pick(ks, fx, light);
     f8 area = LIGHT(area);
     out.radiance = LIGHT3(radiance);
     out.delta = I8(0);

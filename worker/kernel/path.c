@@ -41,6 +41,7 @@ struct path8 {
     struct vec3x8 o, d;    /* the next ray */
     struct vec3x8 beta, L; /* throughput so far, radiance gathered so far */
     struct vec3x8 from;    /* the vertex the ray left, for the light's density */
+    struct vec3x8 side;    /* its lit_side; where lights may be chosen in a tree */
     f8 pdf;       /* density of d at that vertex; 0 after a delta event and at the camera */
     f8 eta_scale; /* product of eta^2 so far: beta * eta_scale is what reaches the eye */
     f8 time;      /* 0 to 1, where scene.h's motions are */
@@ -288,6 +289,16 @@ LANE_FN i8 unoccluded(const struct kernel_scene *ks, struct kernel_thread *threa
     return valid & (f8_load(ray.tfar) >= 0);
 }
 
+/* The shading normal on the side that a surface reflects light from; zero where it also transmits
+ */
+LANE_FN struct vec3x8 lit_side(const struct bsdf8 *bsdf, struct vec3x8 ns, f8 wo_z)
+{
+    i8 opaque = (bsdf->kind == MATERIAL_DIFFUSE) | (bsdf->kind == MATERIAL_MIXTURE) |
+                (bsdf->kind == MATERIAL_CONDUCTOR) | (bsdf->kind == MATERIAL_COAT);
+    struct vec3x8 side = { f8_mulsign(ns.x, wo_z), f8_mulsign(ns.y, wo_z), f8_mulsign(ns.z, wo_z) };
+    return vec3x8_select(opaque, side, vec3x8_all(0, 0, 0));
+}
+
 /* The next dimension of the vertex that a path is at: event 0 is the camera */
 LANE_FN u8 vertex_dimension(const struct path8 *path, unsigned purpose)
 {
@@ -308,7 +319,8 @@ LANE_FN struct vec3x8 sky_seen(const struct kernel_scene *ks, unsigned fx, i8 sk
         if (ks->scene->lights[env->light].kind != LIGHT_SKY)
             continue;
         struct environment_sample8 seen = environment_seen(env, path->d);
-        f8 pdf_light = seen.pdf * light_pick(ks, fx, I8((int32_t)env->light));
+        f8 pdf_light = seen.pdf * light_pick(ks, fx, sky & rival, path->from, path->side,
+                                             I8((int32_t)env->light));
         f8 w = f8_select(rival, mis_weight(path->pdf, pdf_light), F8(1));
         struct vec3x8 found = vec3x8_mul(vec3x8_scale(path->beta, w), seen.L);
         L = vec3x8_add_where(sky, L, found);
@@ -446,7 +458,7 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
             i8 rival = emits & (path.pdf > 0);
             f8 w = F8(1);
             if (i8_any(rival)) {
-                f8 pdf_light = light_pdf(ks, fx, rival, light, path.from, s.p, n);
+                f8 pdf_light = light_pdf(ks, fx, rival, light, path.from, path.side, s.p, n);
                 w = f8_select(rival, mis_weight(path.pdf, pdf_light), w);
             }
             struct vec3x8 Le = LIGHT3(radiance);
@@ -520,6 +532,9 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         go &= wo.z != 0;
 
         /* Light sampling */
+        struct vec3x8 side = vec3x8_all(0, 0, 0);
+        if (fx & FX_LIGHT_TREE)
+            side = lit_side(&bsdf, s.ns, wo.z);
         i8 lit = go;
         if (fx & (FX_CONDUCTOR | FX_DIELECTRIC | FX_THIN | FX_COATED_CONDUCTOR))
             lit &= ~bsdf_all_delta(&bsdf, fx);
@@ -533,7 +548,7 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
             if (fx & FX_MANY_LIGHTS)
                 pick = sampler_1d(&ks->sampler, any, &path.key,
                                   vertex_dimension(&path, SAMPLE_LIGHT_PICK));
-            struct light_sample8 ls = light_sample(ks, fx, lit, s.p, pick, light_u, light_v);
+            struct light_sample8 ls = light_sample(ks, fx, lit, s.p, side, pick, light_u, light_v);
             struct vec3x8 wi = frame_to_local(&frame, ls.wi);
             struct bsdf_eval8 f = bsdf_eval(&bsdf, fx, TRANSPORT_RADIANCE, ls.valid, wo, wi);
             i8 worth = ls.valid & (vec3x8_max(f.f_cos) > 0);
@@ -620,6 +635,8 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         path.d = wi_world;
         path.o = vec3x8_along(s.p, s.ng, f8_mulsign(s.spawn, wi_side));
         path.from = s.p;
+        if (fx & FX_LIGHT_TREE)
+            path.side = side;
         path.pdf = f8_select(bs.delta, F8(0), bs.pdf);
         path.events = path.events + 1;
     }
