@@ -210,17 +210,17 @@ static struct cluster cluster_of_range(const struct cluster *lights, uint32_t co
  * angle o follows from the length of their mean axis, (1 + cos o) / 2, without trigonometry: their
  * integral over its directions is close to linear in cos o, from 1 to 4 times pi.
  */
-struct group {
+struct light_group {
     double low[3], high[3], axis[3], power;
 };
 
-static void group_clear(struct group *g)
+static void group_clear(struct light_group *g)
 {
-    *g = (struct group){ .power = 0 };
+    *g = (struct light_group){ .power = 0 };
     empty_box(g->low, g->high);
 }
 
-static void group_add(struct group *g, const struct group *other)
+static void group_add(struct light_group *g, const struct light_group *other)
 {
     grow_box(g->low, g->high, other->low, other->high);
     for (int axis = 0; axis < 3; axis++)
@@ -228,7 +228,7 @@ static void group_add(struct group *g, const struct group *other)
     g->power += other->power;
 }
 
-static void group_add_light(struct group *g, const struct cluster *light)
+static void group_add_light(struct light_group *g, const struct cluster *light)
 {
     double sign = axis_sign(light) * light->power;
     grow_box(g->low, g->high, light->low, light->high);
@@ -237,7 +237,7 @@ static void group_add_light(struct group *g, const struct cluster *light)
     g->power += light->power;
 }
 
-static double group_cost(const struct group *g)
+static double group_cost(const struct light_group *g)
 {
     if (!(g->power > 0))
         return 0;
@@ -258,11 +258,11 @@ struct cut {
     double cost, cost_low, cost_high;
 };
 
-static void cut_along(const struct group bins[BINS], struct cut *best, int axis, double low,
+static void cut_along(const struct light_group bins[BINS], struct cut *best, int axis, double low,
                       double scale)
 {
     double costs[BINS];
-    struct group below, above;
+    struct light_group below, above;
     group_clear(&below);
     for (int i = 0; i < BINS - 1; i++) {
         group_add(&below, &bins[i]);
@@ -286,7 +286,7 @@ static uint32_t cut_range(struct cluster *lights, uint32_t count, struct cut *cu
         grow_box(low, high, lights[i].center, lights[i].center);
     *cut = (struct cut){ .cost = INFINITY };
     double scale[3];
-    struct group bins[3][BINS];
+    struct light_group bins[3][BINS];
     for (int axis = 0; axis < 3; axis++) {
         scale[axis] = BINS / (high[axis] - low[axis]);
         for (int i = 0; i < BINS; i++)
