@@ -13,9 +13,10 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-#define ALLOWANCE_FLAT ((uint64_t)32 << 20) /* half of what a file may make us take: arrays grow \
-                                             */
-#define ALLOWANCE_EACH    32                /* by halves, and the scene is finished from them */
+#define ALLOWANCE_FLAT                                                            \
+    ((uint64_t)32 << 20)     /* half of what a file may make us take: arrays grow \
+                              */
+#define ALLOWANCE_EACH    32 /* by halves, and the scene is finished from them */
 #define GLB_MAGIC         0x46546c67u
 #define GLB_JSON          0x4e4f534au
 #define GLB_BIN           0x004e4942u

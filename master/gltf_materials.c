@@ -183,6 +183,7 @@ static bool read_specular_glossiness(struct gltf_reader *reader, struct look *lo
 
     double strongest = fmax(specular[0], fmax(specular[1], specular[2]));
     double metallic = metallic_of(brightness(look->base), brightness(specular), 1 - strongest);
+    metallic = metallic > 1 - 1e-6 ? 1 : metallic; /* rounding needs no second material */
     for (int c = 0; c < 3; c++) {
         double diffuse = look->base[c] * (1 - strongest) / (0.96 * fmax(1 - metallic, 1e-6));
         double metal = (specular[c] - 0.04 * (1 - metallic)) / fmax(metallic, 1e-6);
