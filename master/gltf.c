@@ -32,12 +32,16 @@ static const char *const known[] = {
     "KHR_xmp_json_ld", /* says nothing about the picture */
 };
 
+static bool ends_in(const char *path, const char *ending)
+{
+    size_t length = strlen(path), tail = strlen(ending);
+    return length > tail && strcasecmp(path + length - tail, ending) == 0;
+}
+
 bool gltf_is(const char *path)
 {
     char start[64] = "";
-    size_t length = strlen(path);
-    if (length > 5 &&
-        (strcasecmp(path + length - 5, ".gltf") == 0 || strcasecmp(path + length - 4, ".glb") == 0))
+    if (ends_in(path, ".gltf") || ends_in(path, ".glb"))
         return true;
     FILE *file = fopen(path, "rb");
     if (file != NULL) {

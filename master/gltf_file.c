@@ -42,10 +42,10 @@ void gltf_file_free(struct gltf_file *file)
 
 bool gltf_file_spend(struct gltf_reader *reader, uint64_t count, size_t size, const char *where)
 {
-    if (count > reader->file.allowance / size)
+    if (count > (reader->file.allowance - reader->file.spent) / size)
         return gltf_report_error(reader, where,
                                  "the file is far smaller than what it makes of its data");
-    reader->file.allowance -= count * size;
+    reader->file.spent += count * size;
     return true;
 }
 

@@ -26,7 +26,8 @@ struct gltf_file {
     char *folder;            /* with its slash; NULL: files may not be named */
     struct gltf_bytes chunk; /* of a GLB */
     struct growing buffers;  /* struct gltf_buffer, as many as the file lists */
-    uint64_t allowance;      /* bytes that geometry may still take */
+    uint64_t allowance;      /* bytes that geometry may take: it follows what was read */
+    uint64_t spent;          /* and what it took */
 };
 
 /* Read `path`, or take bytes that stay, and parse. `name` may be NULL. */
@@ -48,7 +49,7 @@ unsigned char *gltf_file_data(struct gltf_reader *reader, const char *uri, const
  * after an error. */
 char *gltf_file_path(struct gltf_reader *reader, const char *uri, const char *where);
 
-/* Take so much of the allowance; an error when it is used up. */
+/* Take so much of the allowance; an error when that is more than is left. */
 bool gltf_file_spend(struct gltf_reader *reader, uint64_t count, size_t size, const char *where);
 
 #endif

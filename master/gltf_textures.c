@@ -164,7 +164,9 @@ bool gltf_textures_read(struct gltf_reader *reader, const struct gltf_item *item
                         bool colors, struct gltf_texture *texture)
 {
     struct gltf_item info = gltf_json_child(reader, item, name);
-    *texture = (struct gltf_texture){ .node = { .kind = TEXTURE_IMAGE, .channel = SCENE_NONE } };
+    *texture = (struct gltf_texture){
+        .node = { .kind = TEXTURE_IMAGE, .channel = SCENE_NONE, .scale = 1 }
+    };
     memcpy(texture->where, info.where, sizeof(texture->where));
     return info.json == NULL ? !reader->failed : read_info(reader, &info, colors, texture);
 }

@@ -128,25 +128,34 @@ void gltf_view_enclose(struct gltf_reader *reader, const double min[3], const do
     }
 }
 
-/* From the front, a little from the right and from above; all of its bounding sphere */
+/* From the front, a little from the right and from above; as near as all corners of the bounds
+ * allow */
 static void frame(struct gltf_view *view)
 {
-    const double back[3] = { 0.4 / 1.16619037896906, 0.44721359549996 / 1.16619037896906,
-                             1 / 1.16619037896906 }; /* unit: .16 + .2 + 1 = 1.36 */
-    double middle[3] = { 0, 0, 0 }, radius = 0;
-    for (int axis = 0; view->has_bounds && axis < 3; axis++) {
-        middle[axis] = (view->min[axis] + view->max[axis]) / 2;
-        radius += (view->max[axis] - view->min[axis]) * (view->max[axis] - view->min[axis]) / 4;
-    }
-    radius = radius > 0 ? sqrt(radius) : 1;
-    double distance = FRAMED_MARGIN * radius / elem_sin(FRAMED_HALF);
+    const double back[3] = { 0.34299717028502, 0.38348249442369, 0.85749292571254 }; /* unit */
     double flat = sqrt(back[0] * back[0] + back[2] * back[2]);
     const double right[3] = { back[2] / flat, 0, -back[0] / flat };
-    const double up[3] = { back[1] * right[2], back[2] * right[0] - back[0] * right[2],
-                           -back[1] * right[0] };
+    const double up[3] = { back[1] * right[2], flat, -back[1] * right[0] };
+    double middle[3] = { 0, 0, 0 }, half[3] = { 0, 0, 0 }, distance = 0;
     view->kind = CAMERA_PERSPECTIVE;
     view->half_height = elem_tan(FRAMED_HALF);
     view->aspect = ASPECT;
+    for (int axis = 0; view->has_bounds && axis < 3; axis++) {
+        middle[axis] = (view->min[axis] + view->max[axis]) / 2;
+        half[axis] = (view->max[axis] - view->min[axis]) / 2;
+    }
+    for (int corner = 0; corner < 8; corner++) {
+        double x = 0, y = 0, z = 0; /* of the corner, along right, up and back */
+        for (int axis = 0; axis < 3; axis++) {
+            double c = corner >> axis & 1 ? half[axis] : -half[axis];
+            x += c * right[axis];
+            y += c * up[axis];
+            z += c * back[axis];
+        }
+        /* In the square that the picture holds in whatever shape it is taken */
+        distance = fmax(distance, z + FRAMED_MARGIN * fmax(fabs(x), fabs(y)) / view->half_height);
+    }
+    distance = distance > 0 ? distance : 1;
     view->world_from_camera = transform_identity();
     for (int axis = 0; axis < 3; axis++) {
         double *row = view->world_from_camera.m[axis];
