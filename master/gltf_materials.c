@@ -1,21 +1,15 @@
 #include "master/gltf_materials.h"
 
-#include "master/coat.h"
 #include "master/gltf_reader.h"
 
 #include <math.h>
 #include <string.h>
 
 #define BRIGHT     1e12 /* the most that anything emits */
+#define CLEAR_IOR  1.5
 #define PANE_ALPHA 0.01 /* below it, a rough pane looks smooth */
 
 enum { RED = 0, GREEN = 1, BLUE = 2, ALPHA = 3 };
-
-struct gltf_coat {
-    float alpha, ior;
-    struct coat coat;
-    uint32_t table; /* index among the scene's */
-};
 
 /* A number, and its texture with the number multiplied in, or 0 */
 struct knob {
@@ -53,7 +47,17 @@ bool gltf_materials_start(struct gltf_reader *reader)
 void gltf_materials_free(struct gltf_materials *materials)
 {
     growing_free(&materials->surfaces);
-    growing_free(&materials->coats);
+    scene_coats_free(&materials->coats);
+}
+
+static bool none_of(const struct knob *share)
+{
+    return share->texture == 0 && share->value <= 0;
+}
+
+static bool all_of(const struct knob *share)
+{
+    return share->texture == 0 && share->value >= 1;
 }
 
 /* --- Reading ------------------------------------------------------------------------------ */
@@ -253,6 +257,9 @@ static bool read_clearcoat(struct gltf_reader *reader, struct look *look)
                    GREEN, &roughness))
         return false;
     look->clear_alpha = roughness * roughness;
+    if (!none_of(&look->clear))
+        gltf_report_note(reader, item.where,
+                         "a clear coat takes the place of a dielectric's own gloss");
     if (gltf_json_has(&item, "clearcoatNormalTexture"))
         gltf_report_note(reader, item.where, "the coat has the normals of what is below");
     return true;
@@ -335,42 +342,31 @@ static bool add_diffuse(struct gltf_reader *reader, const struct look *look, uin
 }
 
 /* Reflectance at normal incidence, through the k that gives it for eta 1; never quite all */
-static bool add_metal(struct gltf_reader *reader, const struct look *look, uint32_t *index)
+static void set_metal(const struct look *look, struct material *material)
 {
-    struct material material = { .kind = MATERIAL_CONDUCTOR, .flags = MATERIAL_METAL };
-    set_reflectance(look, &material);
-    set_alpha(&look->alpha, &material);
+    set_reflectance(look, material);
+    material->flags |= MATERIAL_METAL;
     for (int c = 0; c < 3; c++) {
         double r = fmin(look->base[c], 0.9999);
-        material.eta[c] = 1;
-        material.k[c] = (float)(2 * sqrt(r) / sqrt(1 - r));
+        material->eta[c] = 1;
+        material->k[c] = (float)(2 * sqrt(r) / sqrt(1 - r));
     }
+}
+
+static bool add_metal(struct gltf_reader *reader, const struct look *look, uint32_t *index)
+{
+    struct material material = { .kind = MATERIAL_CONDUCTOR };
+    set_metal(look, &material);
+    set_alpha(&look->alpha, &material);
     return add(reader, look, &material, index);
 }
 
-/* The table of a coat, computed once for equal coats */
-static bool tabulate(struct gltf_reader *reader, struct material *material)
+static bool add_coated(struct gltf_reader *reader, const struct look *look,
+                       struct material *material, uint32_t *index)
 {
-    struct gltf_coat *coats = reader->materials.coats.data, *coat = NULL;
-    for (size_t i = 0; i < reader->materials.coats.count && coat == NULL; i++)
-        if (coats[i].alpha == material->alpha[0] && coats[i].ior == material->ior)
-            coat = &coats[i];
-    if (coat == NULL) {
-        struct growing *tables = &reader->build->coat_tables;
-        coat = growing_add(&reader->materials.coats, 1, sizeof(*coat));
-        float *table = growing_add(tables, 1, COAT_TABLE_LEN * sizeof(float));
-        if (coat == NULL || table == NULL)
-            return gltf_report_no_memory(reader);
-        *coat = (struct gltf_coat){ .alpha = material->alpha[0],
-                                    .ior = material->ior,
-                                    .table = (uint32_t)(tables->count - 1) };
-        coat_tabulate(material->alpha[0], material->ior, 0, &coat->coat);
-        memcpy(table, coat->coat.table, sizeof(coat->coat.table));
-    }
-    material->coat_table = coat->table;
-    material->coat_inner = coat->coat.inner;
-    material->coat_scale = coat->coat.scale;
-    return true;
+    if (!scene_coats_add(&reader->materials.coats, reader->build, material, 0, reader->err))
+        return gltf_report_wrap(reader, look->item.where);
+    return add(reader, look, material, index);
 }
 
 /* The index of refraction that reflects so much at normal incidence */
@@ -389,7 +385,7 @@ static bool add_coat(struct gltf_reader *reader, const struct look *look, const 
         return add_diffuse(reader, look, index);
     set_reflectance(look, &material);
     set_alpha(alpha, &material);
-    return tabulate(reader, &material) && add(reader, look, &material, index);
+    return add_coated(reader, look, &material, index);
 }
 
 /* `share` of *index becomes `other`; all or nothing needs no mix */
@@ -403,31 +399,80 @@ static bool mix(struct gltf_reader *reader, const struct look *look, const struc
     return add(reader, look, &material, index);
 }
 
-static bool none_of(const struct knob *share)
+/* The clear coat's own, smooth or rough */
+static struct knob clear_alpha(const struct look *look)
 {
-    return share->texture == 0 && share->value <= 0;
+    return (struct knob){ .value = look->clear_alpha };
 }
 
-static bool all_of(const struct knob *share)
+/* A diffuse base below one coat, which is the clear one for its share */
+static bool add_dielectric(struct gltf_reader *reader, const struct look *look, uint32_t *index)
 {
-    return share->texture == 0 && share->value >= 1;
+    const struct knob clear = clear_alpha(look);
+    uint32_t other = 0;
+    if (!add_coat(reader, look, &look->alpha, index_of(look), index))
+        return false;
+    if (none_of(&look->clear))
+        return true;
+    return add_coat(reader, look, &clear, CLEAR_IOR, &other) &&
+           mix(reader, look, &look->clear, other, index);
 }
 
-/* Each of these adds `other` where the share is not none, and the mix where it is not all */
-static bool add_opaque(struct gltf_reader *reader, const struct look *look, uint32_t *index)
+/* Metal, below a coat for the clear one's share */
+static bool add_metals(struct gltf_reader *reader, const struct look *look, uint32_t *index)
 {
-    return look->unlit ? add_diffuse(reader, look, index)
-                       : add_coat(reader, look, &look->alpha, index_of(look), index);
+    const struct knob clear = clear_alpha(look);
+    struct material coated = { .kind = MATERIAL_COATED_CONDUCTOR, .ior = (float)CLEAR_IOR };
+    uint32_t other = 0;
+    if (!add_metal(reader, look, index))
+        return false;
+    if (none_of(&look->clear))
+        return true;
+    set_metal(look, &coated);
+    set_alpha(&clear, &coated);
+    coated.base_alpha[0] = coated.base_alpha[1] = width(look->alpha.value);
+    return add_coated(reader, look, &coated, &other) &&
+           mix(reader, look, &look->clear, other, index);
+}
+
+/* A closed body of glass where it has a thickness, else a pane; both tint what goes through */
+static bool add_glass(struct gltf_reader *reader, const struct look *look, uint32_t *index)
+{
+    struct material material = { .kind = look->thick ? MATERIAL_DIELECTRIC
+                                                     : MATERIAL_THIN_DIELECTRIC,
+                                 .flags = MATERIAL_TINTED,
+                                 .ior = (float)index_of(look) };
+    for (int c = 0; c < 3; c++)
+        material.specular[c] = (float)look->base[c];
+    material.texture[SLOT_SPECULAR] = look->base_texture;
+    if (look->thick)
+        set_alpha(&look->alpha, &material);
+    else if (look->alpha.texture != 0 || look->alpha.value > PANE_ALPHA)
+        gltf_report_note(reader, look->item.where, "a pane of rough glass is taken as smooth");
+    return add(reader, look, &material, index);
+}
+
+/* What is not metal: opaque, and glass for the share that lets light through */
+static bool add_not_metal(struct gltf_reader *reader, const struct look *look, uint32_t *index)
+{
+    uint32_t glass = 0;
+    if (look->unlit)
+        return add_diffuse(reader, look, index);
+    if (all_of(&look->transmission))
+        return add_glass(reader, look, index);
+    if (!add_dielectric(reader, look, index) || none_of(&look->transmission))
+        return !reader->failed;
+    return add_glass(reader, look, &glass) && mix(reader, look, &look->transmission, glass, index);
 }
 
 static bool add_material(struct gltf_reader *reader, const struct look *look, uint32_t *index)
 {
-    uint32_t metal;
+    uint32_t metal = 0;
     if (look->unlit || none_of(&look->metallic))
-        return add_opaque(reader, look, index);
+        return add_not_metal(reader, look, index);
     if (all_of(&look->metallic))
-        return add_metal(reader, look, index);
-    return add_opaque(reader, look, index) && add_metal(reader, look, &metal) &&
+        return add_metals(reader, look, index);
+    return add_not_metal(reader, look, index) && add_metals(reader, look, &metal) &&
            mix(reader, look, &look->metallic, metal, index);
 }
 

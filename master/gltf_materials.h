@@ -7,6 +7,7 @@
 
 #include "master/gltf_json.h"
 #include "master/growing.h"
+#include "master/scene_coats.h"
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -22,8 +23,7 @@ struct gltf_surface {
 
 struct gltf_materials {
     struct growing surfaces; /* struct gltf_surface: two of each material, and of the default */
-    struct growing coats;    /* struct gltf_coat */
-    uint64_t emitters;       /* how many of the surfaces that were asked for emit */
+    struct scene_coats coats;
 };
 
 bool gltf_materials_start(struct gltf_reader *reader);

@@ -287,6 +287,7 @@ static bool add_primitive(struct gltf_reader *reader, struct gltf_mesh *mesh,
         return false;
     if (place.emitter != SCENE_NONE && !has_area(reader, primitive))
         place.emitter = SCENE_NONE;
+    mesh->emits = mesh->emits || place.emitter != SCENE_NONE;
     widen_box(mesh, primitive);
     return scene_build_add_mesh(reader->build, &place, &primitive->added, reader->err) ||
            gltf_report_wrap(reader, primitive->item.where);
@@ -318,13 +319,40 @@ bool gltf_meshes_use(struct gltf_reader *reader, uint32_t index, const struct gl
     return true;
 }
 
+/* Into a group, in its own space */
+static bool make_group(struct gltf_reader *reader, const struct gltf_item *item,
+                       struct gltf_mesh *mesh)
+{
+    const struct transform here = transform_identity();
+    uint64_t spent = reader->file.spent;
+    scene_build_group_begin(reader->build);
+    if (!add_primitives(reader, item, mesh, &here))
+        return false;
+    scene_build_group_end(reader->build, &mesh->group);
+    mesh->cost = reader->file.spent - spent;
+    return mesh->grouped = true;
+}
+
 bool gltf_meshes_add(struct gltf_reader *reader, uint32_t index, const struct transform *to_world)
 {
+    const struct source_pos pos = { reader->report.path, 0, 0 };
     struct gltf_item item, root = gltf_json_root(reader);
     struct gltf_mesh *mesh = (struct gltf_mesh *)reader->meshes.all.data + index;
-    if (!gltf_json_find(reader, "meshes", index, &root, &item) ||
-        !add_primitives(reader, &item, mesh, to_world))
+    if (!gltf_json_find(reader, "meshes", index, &root, &item))
         return false;
+    if (mesh->uses == 1) {
+        if (!add_primitives(reader, &item, mesh, to_world))
+            return false;
+    } else {
+        if (!mesh->grouped && !make_group(reader, &item, mesh))
+            return false;
+        if ((mesh->emits && !gltf_file_spend(reader, mesh->cost, 1, item.where)) ||
+            !gltf_file_spend(reader, 1, sizeof(struct build_instance) + sizeof(struct instance),
+                             item.where))
+            return false;
+        if (!scene_build_add_instance(reader->build, mesh->group, to_world, &pos, reader->err))
+            return gltf_report_wrap(reader, item.where);
+    }
     if (mesh->has_box)
         gltf_view_enclose(reader, mesh->min, mesh->max, to_world);
     return true;

@@ -13,10 +13,11 @@
 struct transform;
 
 struct gltf_mesh {
-    uint32_t uses;      /* nodes that show it */
-    bool looked, emits; /* is any of its materials a light? */
-    bool grouped;       /* stored once, as `group`, for all its uses */
+    uint32_t uses; /* nodes that show it: more than one share a group of the build */
+    bool grouped;
     uint32_t group;
+    bool emits;    /* then it is copied for every use, */
+    uint64_t cost; /* and takes so much of the allowance again */
     bool has_box;
     double min[3], max[3]; /* of its vertices, in its own space */
 };

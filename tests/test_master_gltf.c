@@ -210,6 +210,15 @@ static void shared_meshes_stand_in_all_their_places(void **state)
                                    "{\"mesh\":0,\"translation\":[0,0,20]}]");
     EXPECT_NEAR(scene->settings.bounds_max[2] + scene->settings.center[2], 20, 1e-5);
     EXPECT_NEAR(scene->settings.bounds_min[2] + scene->settings.center[2], 0, 1e-5);
+    assert_int_equal(scene->triangle_count, 1);
+    assert_int_equal(scene->instance_count, 3);
+    scene_free(scene);
+
+    /* What emits is copied, so that each light knows where it is */
+    scene = scene_of("\"materials\":[{\"emissiveFactor\":[1,1,1]}],\"meshes\":[{\"primitives\":["
+                     "{\"material\":0,\"attributes\":{\"POSITION\":0}}]}],\"nodes\":"
+                     "[{\"mesh\":0},{\"mesh\":0,\"translation\":[0,0,10]}]");
+    assert_int_equal(scene->light_count, 2);
     scene_free(scene);
 
     /* The same by EXT_mesh_gpu_instancing */
@@ -413,6 +422,62 @@ static void a_metal_reflects_its_base_colour(void **state)
     }
     EXPECT_NEAR(metal->reflectance[1], 0.5, 0);
     scene_free(scene);
+}
+
+static void glass_is_thin_without_a_volume_and_tinted(void **state)
+{
+    (void)state;
+    start_textured();
+    struct scene *scene = scene_of(
+        WITH_MATERIAL("\"pbrMetallicRoughness\":{\"metallicFactor\":0,\"roughnessFactor\":0,"
+                      "\"baseColorFactor\":[1,0.5,0.25,1]},\"extensions\":{"
+                      "\"KHR_materials_transmission\":{\"transmissionFactor\":1}}"));
+    assert_int_equal(material_of(scene)->kind, MATERIAL_THIN_DIELECTRIC);
+    assert_int_equal(material_of(scene)->flags, MATERIAL_TINTED);
+    EXPECT_NEAR(material_of(scene)->specular[2], 0.25, 0);
+    EXPECT_NEAR(material_of(scene)->ior, 1.5, 1e-6);
+    scene_free(scene);
+    scene = scene_of(
+        WITH_MATERIAL("\"pbrMetallicRoughness\":{\"metallicFactor\":0,\"roughnessFactor\":0.5},"
+                      "\"extensions\":{\"KHR_materials_transmission\":"
+                      "{\"transmissionFactor\":0.75},\"KHR_materials_volume\":"
+                      "{\"thicknessFactor\":0.1}}"));
+    const struct material *mix = material_of(scene);
+    assert_int_equal(mix->kind, MATERIAL_MIX);
+    EXPECT_NEAR(mix->mix_amount, 0.75, 0);
+    assert_int_equal(scene->materials[mix->mix[0]].kind, MATERIAL_COAT);
+    assert_int_equal(scene->materials[mix->mix[1]].kind, MATERIAL_DIELECTRIC);
+    EXPECT_NEAR(scene->materials[mix->mix[1]].alpha[0], 0.25, 0);
+    scene_free(scene);
+}
+
+static void clear_coats_lie_over_their_share(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *metallic;
+        uint32_t kind;
+    } rows[] = { { "0", MATERIAL_COAT }, { "1", MATERIAL_COATED_CONDUCTOR } };
+    for (int i = 0; i < 2; i++) {
+        char rest[2000];
+        start_textured();
+        snprintf(rest, sizeof(rest),
+                 WITH_MATERIAL("\"pbrMetallicRoughness\":{\"metallicFactor\":%s,"
+                               "\"roughnessFactor\":0.5},\"extensions\":{"
+                               "\"KHR_materials_clearcoat\":{\"clearcoatFactor\":0.5,"
+                               "\"clearcoatRoughnessFactor\":0.2}}"),
+                 rows[i].metallic);
+        struct scene *scene = scene_of(rest);
+        const struct material *mix = material_of(scene);
+        assert_int_equal(mix->kind, MATERIAL_MIX);
+        EXPECT_NEAR(mix->mix_amount, 0.5, 0);
+        const struct material *coated = &scene->materials[mix->mix[1]];
+        assert_int_equal(coated->kind, rows[i].kind);
+        EXPECT_NEAR(coated->alpha[0], 0.04, 1e-7);
+        EXPECT_NEAR(coated->base_alpha[0], i == 1 ? 0.25 : 0, 0);
+        EXPECT_NEAR(scene->materials[mix->mix[0]].alpha[0], 0.25, 0);
+        scene_free(scene);
+    }
 }
 
 static void the_index_and_specular_decide_what_a_dielectric_reflects(void **state)
@@ -1049,6 +1114,8 @@ int main(void)
         cmocka_unit_test(vertex_colours_tint_the_base_colour),
         cmocka_unit_test(metalness_chooses_between_coat_metal_and_a_mix),
         cmocka_unit_test(a_metal_reflects_its_base_colour),
+        cmocka_unit_test(glass_is_thin_without_a_volume_and_tinted),
+        cmocka_unit_test(clear_coats_lie_over_their_share),
         cmocka_unit_test(the_index_and_specular_decide_what_a_dielectric_reflects),
         cmocka_unit_test(textures_are_placed_as_gltf_places_them),
         cmocka_unit_test(metalness_and_roughness_come_from_their_channels),
