@@ -477,6 +477,8 @@ static bool make_lights(struct scene_build *build, struct light_arrays *arrays, 
 {
     const struct build_mesh *meshes = build->meshes.data;
     for (uint32_t i = 0; i < build->meshes.count; i++) {
+        if (meshes[i].group != 0) /* its copies in the world emit */
+            continue;
         const struct emitter *emitter = emitter_of(build, &meshes[i].place);
         if (emitter != NULL && !scene_lights_add_mesh(build->scene, i, emitter, arrays, err))
             return false;
