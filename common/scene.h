@@ -229,6 +229,7 @@ enum texture_kind {
     TEXTURE_MARBLE = 10,       /* octaves, omega, scale, variation */
     TEXTURE_VERTEX_COLOR = 11, /* colours of the mesh, interpolated; white where there are none */
     TEXTURE_DIRECTION = 12,    /* mix of child 0 and 1 by |n . d|, d in value[2] */
+    TEXTURE_STEP = 13,         /* 1 where child 0 is at least child 1, else 0 */
     TEXTURE_KINDS
 };
 enum texture_mapping {

@@ -4,8 +4,10 @@
 #include "common/effects.h"
 #include "common/err.h"
 #include "common/scene.h"
+#include "master/gltf.h"
 #include "master/options.h"
 #include "master/pbrt.h"
+#include "master/scene_notes.h"
 
 #include <inttypes.h>
 #include <stdio.h>
@@ -98,18 +100,31 @@ static bool shape(struct job_setup *setup, const struct render_options *o, struc
     return true;
 }
 
+static struct scene *read_scene(const struct render_options *o, struct scene_notes *notes,
+                                struct err *err)
+{
+    const struct gltf_options gltf = { .lenient = o->lenient, .camera = o->camera };
+    const struct pbrt_options pbrt = { .lenient = o->lenient };
+    *notes = (struct scene_notes){ 0 };
+    if (gltf_is(o->scene))
+        return gltf_read(o->scene, &gltf, notes, err);
+    if (o->camera == NULL)
+        return pbrt_read(o->scene, &pbrt, notes, err);
+    err_set(err, ERR_ARGUMENT, "--camera: a pbrt scene has one camera, without a name");
+    return NULL;
+}
+
 bool job_setup_open(const struct render_options *options, struct job_setup *setup, struct err *err)
 {
-    struct pbrt_options how = { .lenient = options->lenient };
-    struct pbrt_notes notes;
+    struct scene_notes notes;
     *setup = (struct job_setup){ 0 };
-    setup->scene = pbrt_read(options->scene, &how, &notes, err);
+    setup->scene = read_scene(options, &notes, err);
     for (size_t i = 0; i < notes.count; i++)
         fprintf(stderr, "%s\n", notes.lines[i]);
     if (notes.warnings > 0)
         fprintf(stderr, "%" PRIu64 " warnings: the picture lacks what the scene asks for\n",
                 notes.warnings);
-    pbrt_notes_free(&notes);
+    scene_notes_free(&notes);
     if (setup->scene == NULL)
         return false;
     if (apply_options(setup->scene, options, err) && check_ids(setup->scene, options->aovs, err) &&

@@ -278,6 +278,7 @@ PARSER(not_yet)
 }
 
 TEXT_PARSER(output, output)
+TEXT_PARSER(camera, camera)
 TEXT_PARSER(report, report)
 TEXT_PARSER(keys, keys)
 TEXT_PARSER(cache, cache)
@@ -305,6 +306,7 @@ static const struct option {
     { "--resolution", "WxH", set_resolution, "size of the full picture" },
     { "--crop", "X0,X1,Y0,Y1", set_crop,
       "render a part: fractions if all four are at most 1, else pixels" },
+    { "--camera", "NAME", set_camera, "which camera of a glTF file (the first)" },
     { "--spp", "N", set_spp, "samples per pixel, rounded up to a whole round" },
     { "--time", "T", set_time, "as many rounds as fit into T (90, 90s, 1.5m, 2h)" },
     { "--seed", "N", set_seed, "another seed gives an independent picture (0)" },
@@ -341,7 +343,6 @@ static const struct option {
     { "--error", "X", set_not_yet, NULL },
     { "--paths", "EXPR", set_not_yet, NULL },
     { "--integrator", "NAME", set_not_yet, NULL },
-    { "--camera", "NAME", set_not_yet, NULL },
     { "--store", "FILE", set_not_yet, NULL },
 };
 #define OPTION_COUNT (sizeof(OPTIONS) / sizeof(OPTIONS[0]))

@@ -20,6 +20,7 @@ struct render_options {
     const char *output;     /* NULL: none was given */
     char png[OPTIONS_PATH]; /* as given, or the output's name with .png */
     const char *report, *keys, *cache;
+    const char *camera;     /* NULL: the first */
     uint32_t width, height; /* 0: the scene's */
     bool has_crop;
     double crop[4]; /* x0, x1, y0, y1: fractions if all are at most 1, else pixels */

@@ -65,7 +65,7 @@ static struct scene *finish(struct pbrt_reader *reader, const char *name)
 }
 
 static struct scene *read_from(const char *path, const char *text, size_t length, const char *name,
-                               const struct pbrt_options *options, struct pbrt_notes *notes,
+                               const struct pbrt_options *options, struct scene_notes *notes,
                                struct err *err)
 {
     struct pbrt_reader reader;
@@ -83,24 +83,16 @@ static struct scene *read_from(const char *path, const char *text, size_t length
 }
 
 struct scene *pbrt_read(const char *path, const struct pbrt_options *options,
-                        struct pbrt_notes *notes, struct err *err)
+                        struct scene_notes *notes, struct err *err)
 {
     return read_from(path, NULL, 0, NULL, options, notes, err);
 }
 
 struct scene *pbrt_read_text(const char *text, size_t length, const char *name,
-                             const struct pbrt_options *options, struct pbrt_notes *notes,
+                             const struct pbrt_options *options, struct scene_notes *notes,
                              struct err *err)
 {
     return read_from(NULL, text, length, name, options, notes, err);
-}
-
-void pbrt_notes_free(struct pbrt_notes *notes)
-{
-    for (size_t i = 0; i < notes->count; i++)
-        free(notes->lines[i]);
-    free(notes->lines);
-    *notes = (struct pbrt_notes){ 0 };
 }
 
 /* --- Changes afterwards ------------------------------------------------------------------- */

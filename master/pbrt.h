@@ -30,28 +30,21 @@
 
 struct err;
 struct scene;
+struct scene_notes;
 
 struct pbrt_options {
     bool lenient;
 };
 
-/* Lines worth telling the user, each with its position; equal ones are counted, not repeated. */
-struct pbrt_notes {
-    char **lines;
-    size_t count;
-    uint64_t warnings; /* how often something unsupported was skipped or replaced (lenient) */
-};
-void pbrt_notes_free(struct pbrt_notes *notes);
-
 /* The scene, checked and finished, or NULL with err set. `options` may be NULL (strict); `notes`
- * may be NULL, else it is overwritten, and the caller's to free, also after an error. */
+ * may be NULL, else it is overwritten; its lines begin with their position. */
 struct scene *pbrt_read(const char *path, const struct pbrt_options *options,
-                        struct pbrt_notes *notes, struct err *err);
+                        struct scene_notes *notes, struct err *err);
 
 /* The same from memory. `name` stands for the file in errors; files that the text names are looked
  * for in the folder of `name`, and nowhere (an error) when `name` is NULL. */
 struct scene *pbrt_read_text(const char *text, size_t length, const char *name,
-                             const struct pbrt_options *options, struct pbrt_notes *notes,
+                             const struct pbrt_options *options, struct scene_notes *notes,
                              struct err *err);
 
 /*

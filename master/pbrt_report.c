@@ -1,8 +1,8 @@
 #include "master/pbrt_report.h"
 
 #include "common/err.h"
-#include "master/pbrt.h"
 #include "master/pbrt_reader.h"
+#include "master/scene_notes.h"
 
 #include <stdarg.h>
 #include <stdio.h>
@@ -89,10 +89,10 @@ bool pbrt_report_later(struct pbrt_reader *reader, const struct source_pos *pos,
     return true;
 }
 
-void pbrt_report_hand_over(const struct pbrt_report *report, struct pbrt_notes *out)
+void pbrt_report_hand_over(const struct pbrt_report *report, struct scene_notes *out)
 {
     const struct pbrt_note *notes = report->notes.data;
-    *out = (struct pbrt_notes){ .warnings = report->warnings };
+    *out = (struct scene_notes){ .warnings = report->warnings };
     out->lines = report->notes.count > 0 ? calloc(report->notes.count, sizeof(char *)) : NULL;
     for (size_t i = 0; out->lines != NULL && i < report->notes.count; i++) {
         char where[32] = "", times[48] = "";

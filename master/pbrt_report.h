@@ -14,7 +14,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-struct pbrt_notes;
+struct scene_notes;
 struct pbrt_reader;
 
 struct pbrt_report {
@@ -40,7 +40,7 @@ void pbrt_report_note(struct pbrt_reader *reader, const struct source_pos *pos, 
 /* ERR_MEMORY; always false. */
 bool pbrt_report_no_memory(struct pbrt_reader *reader);
 
-/* All notes as lines, in the order they came up: the caller's, for pbrt_notes_free. */
-void pbrt_report_hand_over(const struct pbrt_report *report, struct pbrt_notes *out);
+/* All notes as lines, in the order they came up: the caller's, for scene_notes_free. */
+void pbrt_report_hand_over(const struct pbrt_report *report, struct scene_notes *out);
 
 #endif

@@ -24,6 +24,7 @@ struct ply_target {
     struct growing positions; /* 3 floats each */
     struct growing normals;   /* 3 floats each */
     struct growing uvs;       /* 2 floats each */
+    struct growing colors;    /* 4 floats each; glTF only */
     struct growing triangles; /* 3 uint32_t each: index in `positions` */
     struct growing wide;      /* 3 doubles each, when the file's positions are doubles */
 };
@@ -32,7 +33,7 @@ struct ply_target {
 struct ply_added {
     uint32_t first_vertex, vertex_count;
     uint32_t first_triangle, triangle_count;
-    bool has_normals, has_uvs, has_wide;
+    bool has_normals, has_uvs, has_colors, has_wide;
     uint64_t flat_faces; /* faces of fewer than three corners, left out */
 };
 

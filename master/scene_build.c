@@ -38,6 +38,7 @@ void scene_build_free(struct scene_build *build)
     growing_free(&build->vertices.positions);
     growing_free(&build->vertices.normals);
     growing_free(&build->vertices.uvs);
+    growing_free(&build->vertices.colors);
     growing_free(&build->vertices.triangles);
     growing_free(&build->vertices.wide);
     growing_free(&build->meshes);
@@ -85,6 +86,8 @@ bool scene_build_add_mesh(struct scene_build *build, const struct build_place *p
         mesh.first_normal = vertices->normals.count - added->vertex_count;
     if (added->has_uvs)
         mesh.first_uv = vertices->uvs.count - added->vertex_count;
+    if (added->has_colors)
+        mesh.first_color = vertices->colors.count - added->vertex_count;
     struct build_mesh *slot = growing_add(&build->meshes, 1, sizeof(mesh));
     if (slot == NULL)
         return no_memory(err);
@@ -337,6 +340,10 @@ static bool place_meshes(struct scene_build *build, struct build_counts *counts,
             mesh.flags |= MESH_UVS;
             mesh.uv_shift = (uint32_t)from[i].first_uv - range->first_vertex;
         }
+        if (range->has_colors) {
+            mesh.flags |= MESH_COLORS;
+            mesh.color_shift = (uint32_t)from[i].first_color - range->first_vertex;
+        }
         place_triangles(build, &from[i], &mesh, &kept, counts);
         scene->meshes[i] = mesh;
     }
@@ -470,6 +477,8 @@ static bool make_lights(struct scene_build *build, struct light_arrays *arrays, 
 {
     const struct build_mesh *meshes = build->meshes.data;
     for (uint32_t i = 0; i < build->meshes.count; i++) {
+        if (meshes[i].group != 0) /* its copies in the world emit */
+            continue;
         const struct emitter *emitter = emitter_of(build, &meshes[i].place);
         if (emitter != NULL && !scene_lights_add_mesh(build->scene, i, emitter, arrays, err))
             return false;
@@ -519,6 +528,7 @@ static bool place_all(struct scene_build *build, struct build_counts *counts, st
            GIVE(&build->vertices.positions, 3, positions, vertex_count) &&
            GIVE(&build->vertices.normals, 3, normals, normal_count) &&
            GIVE(&build->vertices.uvs, 2, uvs, uv_count) &&
+           GIVE(&build->vertices.colors, 4, colors, color_count) &&
            GIVE(&build->vertices.triangles, 3, triangles, triangle_count) &&
            GIVE(&build->materials, 1, materials, material_count) &&
            GIVE(&build->coat_tables, COAT_TABLE_LEN, coat_tables, coat_table_count) &&

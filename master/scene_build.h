@@ -44,7 +44,7 @@ struct build_light {
 struct build_mesh {
     struct build_place place;
     struct ply_added range;
-    size_t first_normal, first_uv;
+    size_t first_normal, first_uv, first_color;
     double *wide;   /* 3 per vertex, when float32 does not hold the file's numbers */
     uint32_t group; /* or 0: stands in the world itself */
 };

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
 # Fuzz what reads bytes from outside, for as long as asked (60 s for each target):
 #
-#     tests/fuzz.sh [SECONDS [TARGET...]]        TARGET: pbrt ply frame node_wire
+#     tests/fuzz.sh [SECONDS [TARGET...]]        TARGET: pbrt gltf ply frame node_wire
 #
 # Not part of deploy/test; needs clang. Builds in build/fuzz with the address and undefined
 # sanitizers. What was learned stays in build/fuzz/corpus-TARGET, and the next run starts from it;
@@ -10,7 +10,7 @@ set -eu
 cd "$(dirname "$0")/.."
 seconds=${1:-60}
 [ $# -eq 0 ] || shift
-[ $# -gt 0 ] || set -- pbrt ply frame node_wire
+[ $# -gt 0 ] || set -- pbrt gltf ply frame node_wire
 
 out=build/fuzz
 checks=address,undefined

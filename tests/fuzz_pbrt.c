@@ -7,6 +7,7 @@
 #include "common/err.h"
 #include "common/scene.h"
 #include "master/pbrt.h"
+#include "master/scene_notes.h"
 
 #include <stdlib.h>
 
@@ -16,7 +17,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
 {
     for (int lenient = 0; lenient < 2; lenient++) {
         struct pbrt_options options = { .lenient = lenient };
-        struct pbrt_notes notes;
+        struct scene_notes notes;
         struct err err = { .code = ERR_OK };
         struct scene *scene = pbrt_read_text((const char *)data, size, NULL, &options, &notes,
                                              &err);
@@ -24,7 +25,7 @@ int LLVMFuzzerTestOneInput(const uint8_t *data, size_t size)
         if (scene != NULL ? !scene_check(scene, NULL) : err.code == ERR_OK || err.text[0] == '\0')
             abort();
         scene_free(scene);
-        pbrt_notes_free(&notes);
+        scene_notes_free(&notes);
     }
     return 0;
 }

@@ -4,6 +4,7 @@
 #include "common/err.h"
 #include "common/scene.h"
 #include "master/pbrt.h"
+#include "master/scene_notes.h"
 #include "master/transform.h"
 #include "tests/scratch.h"
 
@@ -601,14 +602,14 @@ static void degenerate_triangles_are_counted_and_never_lights(void **state)
     static const char text[] = "WorldBegin " LIGHT
                                "Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0 2 0 0] "
                                "\"integer indices\" [0 1 3 0 1 2 1 1 2]";
-    struct pbrt_notes notes;
+    struct scene_notes notes;
     struct scene *s = pbrt_read_text(text, strlen(text), NULL, NULL, &notes, NULL);
     assert_non_null(s);
     assert_int_equal(s->triangle_count, 1);
     assert_int_equal(s->light_count, 1);
     assert_int_equal(notes.count, 1);
     assert_non_null(strstr(notes.lines[0], "2 triangles without area were left out"));
-    pbrt_notes_free(&notes);
+    scene_notes_free(&notes);
     scene_free(s);
 }
 
@@ -799,7 +800,7 @@ static void leniency_replaces_and_counts(void **state)
         "MediumInterface \"a\" \"b\" MediumInterface \"a\" \"b\" Shape \"disk\" \"float raduis\" 2 "
         "AreaLightSource \"diffuse\" \"string filename\" \"sky.exr\"";
     struct pbrt_options options = { .lenient = true };
-    struct pbrt_notes notes;
+    struct scene_notes notes;
     struct err err = { .text = "" };
     struct scene *scene = pbrt_read_text(text, strlen(text), NULL, &options, &notes, &err);
     if (scene == NULL)
@@ -812,7 +813,7 @@ static void leniency_replaces_and_counts(void **state)
         counted = counted || strstr(notes.lines[i],
                                     "is not supported yet; the picture lacks it (2 times)") != NULL;
     assert_true(counted);
-    pbrt_notes_free(&notes);
+    scene_notes_free(&notes);
     scene_free(scene);
 
     /* What pbrt does not know stays an error */
@@ -825,7 +826,7 @@ static void substitutions_are_noted(void **state)
     (void)state;
     static const char text[] = "Sampler \"zsobol\" Film \"gbuffer\" Accelerator \"bvh\" WorldBegin "
                                "Material \"diffuse\" \"rgb reflectance\" [2 1 1]";
-    struct pbrt_notes notes;
+    struct scene_notes notes;
     struct scene *scene = pbrt_read_text(text, strlen(text), "s.pbrt", NULL, &notes, NULL);
     assert_non_null(scene);
     assert_int_equal(notes.warnings, 0);
@@ -833,7 +834,7 @@ static void substitutions_are_noted(void **state)
     assert_non_null(strstr(notes.lines[1], "is read as \"rgb\""));
     assert_non_null(strstr(notes.lines[3], "a reflectance above 1 is taken as 1"));
     assert_int_equal(scene->settings.sampler, SAMPLER_SOBOL);
-    pbrt_notes_free(&notes);
+    scene_notes_free(&notes);
     scene_free(scene);
 }
 

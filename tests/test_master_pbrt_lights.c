@@ -4,6 +4,7 @@
 #include "common/err.h"
 #include "common/scene.h"
 #include "master/pbrt.h"
+#include "master/scene_notes.h"
 #include "tests/scratch.h"
 
 #include <math.h>
@@ -70,7 +71,7 @@ static int tear_down(void **state)
     return 0;
 }
 
-static struct scene *try_read(const char *lights, struct pbrt_notes *notes, struct err *err)
+static struct scene *try_read(const char *lights, struct scene_notes *notes, struct err *err)
 {
     char text[4096];
     int length = snprintf(text, sizeof(text), "WorldBegin\n%s\n", lights);
@@ -148,7 +149,7 @@ static void the_transform_turns_the_picture(void **state)
 static void a_wide_picture_is_latitude_and_longitude_and_that_is_said(void **state)
 {
     (void)state;
-    struct pbrt_notes notes;
+    struct scene_notes notes;
     struct err err = { .text = "" };
     struct scene *s = try_read("LightSource \"infinite\" \"string filename\" \"wide.pfm\" "
                                "\"point3 portal\" [0 0 0 1 0 0 1 1 0 0 1 0]",
@@ -162,7 +163,7 @@ static void a_wide_picture_is_latitude_and_longitude_and_that_is_said(void **sta
         said += strstr(notes.lines[i], "latitude") != NULL ||
                 strstr(notes.lines[i], "\"portal\" is not used") != NULL;
     assert_int_equal(said, 2);
-    pbrt_notes_free(&notes);
+    scene_notes_free(&notes);
     scene_free(s);
 }
 

@@ -5,6 +5,7 @@
 #include "common/scene.h"
 #include "master/coat.h"
 #include "master/pbrt.h"
+#include "master/scene_notes.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -24,7 +25,7 @@
     } while (0)
 
 /* A sphere of the material that `text` makes current */
-static struct scene *scene_with(const char *text, struct pbrt_notes *notes)
+static struct scene *scene_with(const char *text, struct scene_notes *notes)
 {
     char whole[2000];
     snprintf(whole, sizeof(whole), "WorldBegin %s Shape \"sphere\"", text);
@@ -38,7 +39,7 @@ static struct scene *scene_with(const char *text, struct pbrt_notes *notes)
 }
 
 /* Does exactly one note say so? */
-static bool noted(const struct pbrt_notes *notes, const char *what)
+static bool noted(const struct scene_notes *notes, const char *what)
 {
     int lines = 0;
     for (size_t i = 0; i < notes->count; i++)
@@ -89,14 +90,14 @@ static void sheets_reflect_and_transmit(void **state)
     scene_free(s);
 
     /* As in pbrt each is clamped to one; that both make more is said */
-    struct pbrt_notes notes = { 0 };
+    struct scene_notes notes = { 0 };
     s = scene_with("Material \"diffusetransmission\" \"rgb reflectance\" [.6 .6 .6] \"float scale\""
                    " 2",
                    &notes);
     EXPECT_NEAR((double)s->materials[0].reflectance[0], 1, 0);
     EXPECT_NEAR((double)s->materials[0].specular[0], 0.5, 0);
     assert_true(noted(&notes, "more than is received"));
-    pbrt_notes_free(&notes);
+    scene_notes_free(&notes);
     scene_free(s);
     expect_refused("Material \"diffusetransmission\" \"float scale\" -1", "a scale of -1");
 }
@@ -175,7 +176,7 @@ static void interfaces_are_not_there_and_give_no_light(void **state)
     static const char *const names[] = { "interface", "" };
     for (int i = 0; i < 2; i++) {
         char text[300];
-        struct pbrt_notes notes = { 0 };
+        struct scene_notes notes = { 0 };
         snprintf(text, sizeof(text),
                  "Material \"%s\" AreaLightSource \"diffuse\" Shape \"sphere\" Material "
                  "\"diffuse\"",
@@ -187,7 +188,7 @@ static void interfaces_are_not_there_and_give_no_light(void **state)
         assert_int_equal(s->quadrics[0].light, SCENE_NONE);
         assert_int_equal(s->quadrics[1].material, 0);
         assert_true(noted(&notes, "gives no light"));
-        pbrt_notes_free(&notes);
+        scene_notes_free(&notes);
         scene_free(s);
     }
     expect_refused("MakeNamedMaterial \"a\" \"string type\" \"interface\" MakeNamedMaterial \"m\" "

@@ -4,6 +4,7 @@
 #include "common/err.h"
 #include "common/scene.h"
 #include "master/pbrt.h"
+#include "master/scene_notes.h"
 #include "tests/scratch.h"
 
 #include <math.h>
@@ -26,7 +27,7 @@ static char folder[256];
 
 /* --- Scenes ------------------------------------------------------------------------------- */
 
-static struct scene *try_scene(const char *text, struct pbrt_notes *notes, struct err *err)
+static struct scene *try_scene(const char *text, struct scene_notes *notes, struct err *err)
 {
     return pbrt_read_text(text, strlen(text), scratch_path(folder, "text.pbrt"), NULL, notes, err);
 }
@@ -566,7 +567,7 @@ static void pictures_are_found_beside_the_file_that_names_them(void **state)
 static void odd_texels_are_noted(void **state)
 {
     (void)state;
-    struct pbrt_notes notes;
+    struct scene_notes notes;
     struct err err = { .text = "" };
     struct scene *scene = try_scene("WorldBegin Texture \"t\" \"spectrum\" \"imagemap\" "
                                     "\"string filename\" \"odd.pfm\" Material \"diffuse\" "
@@ -577,7 +578,7 @@ static void odd_texels_are_noted(void **state)
     for (size_t i = 0; i < notes.count; i++)
         noted = noted || strstr(notes.lines[i], "odd.pfm: 1 texels that are no colour") != NULL;
     assert_true(noted);
-    pbrt_notes_free(&notes);
+    scene_notes_free(&notes);
     scene_free(scene);
 }
 

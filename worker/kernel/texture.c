@@ -720,6 +720,10 @@ static void step_at(const struct texture_set *set, const struct texture *texture
     case TEXTURE_DIRECTION: /* child 0 where the surface faces along d, as pbrt-v4 */
         mix_by(value[1], value[0], fabsf(dot(point->n, texture->value[2])), rgb);
         break;
+    case TEXTURE_STEP:
+        for (int c = 0; c < 3; c++)
+            rgb[c] = value[0][c] >= value[1][c] ? 1 : 0;
+        break;
     default:
         copy(value[0], rgb);
     }

@@ -1,0 +1,30 @@
+/*
+ * The tables of coated materials on their way into a scene: what coat.h computes, laid out as
+ * struct material wants it, and computed once for coats that are equal.
+ */
+#ifndef MASTER_SCENE_COATS_H
+#define MASTER_SCENE_COATS_H
+
+#include "master/growing.h"
+
+#include <stdbool.h>
+
+struct err;
+struct material;
+struct scene_build;
+
+/* What was computed already; zero-initialised at first. Lives as long as the reader. */
+struct scene_coats {
+    struct growing known;
+};
+void scene_coats_free(struct scene_coats *coats);
+
+/*
+ * Give a MATERIAL_COAT or MATERIAL_COATED_CONDUCTOR that is complete but for them its tables: those
+ * of its width, or of many (MATERIAL_COATS) when its roughness has a texture. A scene with more
+ * than a few dozen different coats gets tables of similar ones.
+ */
+bool scene_coats_add(struct scene_coats *coats, struct scene_build *build,
+                     struct material *material, double thickness, struct err *err);
+
+#endif
