@@ -77,7 +77,7 @@ refused bad.pbrt:5:37 'contains itself'
 bad 'Material "diffuse" "rgb reflectance" [ -0.1 0 0 ]'
 refused bad.pbrt:5:20 '-0.1'
 bad 'ObjectInstance "ghost"'
-refused bad.pbrt:5:1 'ObjectInstance'
+refused bad.pbrt:5:16 'no object "ghost"'
 bad 'LightSource "infinite" "string filename" "sky.exr"'
 refused bad.pbrt:5:42 'sky.exr'
 
