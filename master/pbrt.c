@@ -58,6 +58,7 @@ static struct scene *finish(struct pbrt_reader *reader, const char *name)
     struct build_counts counts;
     if (!pbrt_view_finish(reader) || !pbrt_materials_finish(reader))
         return NULL;
+    pbrt_textures_finish(reader);
     struct scene *scene = scene_build_finish(reader->build, &counts, reader->err);
     if (scene != NULL)
         note_counts(reader, &counts, scene, name);

@@ -6,7 +6,9 @@
 #include <math.h>
 #include <string.h>
 
-static void from_rgb(struct pbrt_params *params, const struct pbrt_param *param, double rgb[3])
+/* Numbers of the current ColorSpace; what sRGB cannot show loses its negative part */
+static void from_rgb(struct pbrt_params *params, const struct pbrt_param *param,
+                     enum pbrt_color_kind kind, double rgb[3])
 {
     if (param->number_count != 3) {
         pbrt_params_fail(params, param, "an rgb colour has three numbers, not %zu",
@@ -14,6 +16,17 @@ static void from_rgb(struct pbrt_params *params, const struct pbrt_param *param,
         return;
     }
     memcpy(rgb, pbrt_params_numbers(params, param), 3 * sizeof(double));
+    enum color_space space = params->reader->state.color_space;
+    if (space == COLOR_SRGB || param->linear || rgb[0] < 0 || rgb[1] < 0 || rgb[2] < 0)
+        return;
+    color_space_to_srgb(space, kind != COLOR_LIGHT, rgb, rgb);
+    double largest = fmax(rgb[0], fmax(rgb[1], rgb[2]));
+    for (int c = 0; c < 3; c++) {
+        if (rgb[c] < -1e-4 * largest)
+            pbrt_report_note(params->reader, &param->pos,
+                             "a colour more saturated than sRGB can show is shown less so");
+        rgb[c] = fmax(rgb[c], 0);
+    }
 }
 
 static void from_blackbody(struct pbrt_params *params, const struct pbrt_param *param,
@@ -114,7 +127,7 @@ bool pbrt_color(struct pbrt_params *params, const char *name, enum pbrt_color_ki
     bool known = true;
     switch (param->type) {
     case PARAM_RGB:
-        from_rgb(params, param, color);
+        from_rgb(params, param, kind, color);
         break;
     case PARAM_BLACKBODY:
         from_blackbody(params, param, kind, color);

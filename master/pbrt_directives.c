@@ -21,6 +21,11 @@ static bool on_include(struct pbrt_reader *reader, const struct pbrt_token *name
     return pbrt_lexer_open(reader->lexer, path, &name->pos, reader->err);
 }
 
+static bool on_import(struct pbrt_reader *reader, const struct pbrt_token *name)
+{
+    return on_include(reader, name) && pbrt_state_import(reader, name);
+}
+
 static bool on_world_begin(struct pbrt_reader *reader, const struct pbrt_token *directive)
 {
     if (reader->in_world)
@@ -57,7 +62,7 @@ static const struct directive {
     { "CoordSysTransform", ANYWHERE, .plain = pbrt_transforms_recall },
     { "Film", BEFORE_WORLD, .typed = pbrt_view_film },
     { "Identity", ANYWHERE, .plain = pbrt_transforms_identity },
-    { "Import", IN_WORLD, .named = on_include },
+    { "Import", IN_WORLD, .named = on_import },
     { "Include", ANYWHERE, .named = on_include },
     { "Integrator", BEFORE_WORLD, .typed = pbrt_settings_integrator },
     { "LightSource", IN_WORLD, .typed = pbrt_lights_add, .defaults = TARGET_LIGHT },
@@ -146,7 +151,7 @@ bool pbrt_directives_run(struct pbrt_reader *reader)
 {
     struct pbrt_token token;
     for (;;) {
-        if (!pbrt_lexer_next(reader->lexer, &token, reader->err))
+        if (!pbrt_lexer_next(reader->lexer, &token, reader->err) || !pbrt_state_end_imports(reader))
             return false;
         if (token.kind == TOKEN_END)
             break;

@@ -30,6 +30,7 @@ struct pbrt_lexer {
     struct source *source; /* the innermost */
     const char *root;      /* the path of the first; NULL: text without a name */
     int depth;
+    size_t bytes; /* of all of them */
     bool has_peeked;
     struct pbrt_token peeked;
 };
@@ -117,6 +118,7 @@ static bool push(struct pbrt_lexer *lexer, const char *text, size_t length, cons
         lexer->root = name;
     lexer->source = source;
     lexer->depth++;
+    lexer->bytes += length;
     *pushed = source;
     return true;
 }
@@ -294,6 +296,16 @@ const char *pbrt_lexer_resolve(struct pbrt_lexer *lexer, const struct pbrt_token
         return path;
     char *elsewhere = join(lexer->arena, lexer->root, name->text, name->length);
     return elsewhere != NULL && access(elsewhere, F_OK) == 0 ? elsewhere : path;
+}
+
+unsigned pbrt_lexer_depth(const struct pbrt_lexer *lexer)
+{
+    return (unsigned)lexer->depth;
+}
+
+size_t pbrt_lexer_bytes(const struct pbrt_lexer *lexer)
+{
+    return lexer->bytes;
 }
 
 bool pbrt_token_is(const struct pbrt_token *token, const char *text)

@@ -49,6 +49,13 @@ bool pbrt_lexer_peek(struct pbrt_lexer *lexer, struct pbrt_token *token, struct 
  * runs out or the first text has no name; belongs to the lexer. */
 const char *pbrt_lexer_resolve(struct pbrt_lexer *lexer, const struct pbrt_token *name);
 
+/* How many files are open inside each other; once their last token was taken, or peeked behind,
+ * they are closed. */
+unsigned pbrt_lexer_depth(const struct pbrt_lexer *lexer);
+
+/* How much text there was so far, in bytes. */
+size_t pbrt_lexer_bytes(const struct pbrt_lexer *lexer);
+
 bool pbrt_token_is(const struct pbrt_token *token, const char *text);
 
 #endif

@@ -1,6 +1,7 @@
 #include "master/pbrt_materials.h"
 
 #include "common/arena.h"
+#include "master/albedo.h"
 #include "master/coat.h"
 #include "master/pbrt_color.h"
 #include "master/pbrt_reader.h"
@@ -622,12 +623,39 @@ bool pbrt_materials_resolve(struct pbrt_reader *reader, uint32_t *in_scene)
     return resolve(reader, reader->state.material, 0, in_scene);
 }
 
+/* What is left of a material when its surface is diffuse: textures that are its colour, or much
+ * like it, stay that, and bumps stay bumps */
+static void make_diffuse(const struct pbrt_reader *reader, struct material *material)
+{
+    struct material diffuse = { .kind = MATERIAL_DIFFUSE,
+                                .flags = material->flags & MATERIAL_NORMAL_SCALED,
+                                .normal_scale = material->normal_scale };
+    double albedo[3];
+    if (material->kind == MATERIAL_MIX)
+        return;
+    albedo_of(material, reader->build->coat_tables.data, albedo);
+    to_float(albedo, diffuse.reflectance);
+    static const enum material_slot kept[] = { SLOT_REFLECTANCE, SLOT_NORMAL, SLOT_BUMP };
+    for (size_t i = 0; i < COUNT(kept); i++)
+        diffuse.texture[kept[i]] = material->texture[kept[i]];
+    *material = diffuse;
+}
+
+static void force_diffuse(struct pbrt_reader *reader)
+{
+    struct material *materials = reader->build->materials.data;
+    for (size_t i = 0; i < reader->build->materials.count; i++)
+        make_diffuse(reader, &materials[i]);
+}
+
 bool pbrt_materials_finish(struct pbrt_reader *reader)
 {
     struct scene *scene = reader->build->scene;
     size_t count = reader->materials.names.count;
     const struct pbrt_material_name *names = reader->materials.names.data;
     const struct pbrt_material *definitions = reader->materials.definitions.data;
+    if (reader->materials.diffuse)
+        force_diffuse(reader);
     scene->material_names = arena_alloc(scene->arena, count, sizeof(*scene->material_names));
     if (scene->material_names == NULL)
         return pbrt_report_no_memory(reader);

@@ -22,6 +22,7 @@ struct pbrt_materials {
     struct growing names;       /* struct pbrt_material_name: MakeNamedMaterial */
     struct growing mix_names;   /* struct pbrt_token: what mixes refer to */
     struct growing coats;       /* struct pbrt_coat: tables computed already */
+    bool diffuse;               /* option "forcediffuse" */
 };
 
 /* Define pbrt's default, grey diffuse, and make it the current one. */
@@ -37,7 +38,8 @@ bool pbrt_materials_use(struct pbrt_reader *reader, const struct pbrt_token *nam
  * there. */
 bool pbrt_materials_resolve(struct pbrt_reader *reader, uint32_t *in_scene);
 
-/* At the end: the names of those that the scene uses become the scene's. */
+/* At the end: the names of those that the scene uses become the scene's, and what "forcediffuse"
+ * says happens to them. */
 bool pbrt_materials_finish(struct pbrt_reader *reader);
 
 #endif

@@ -429,6 +429,7 @@ void pbrt_params_replace(struct pbrt_params *params, const char *name, enum pbrt
     param->number_count = count;
     param->string_count = 0;
     param->used = true;
+    param->linear = true;
 }
 
 void pbrt_params_later(struct pbrt_params *params, const char *name)
@@ -444,19 +445,48 @@ void pbrt_params_ignore(struct pbrt_params *params, const char *name)
     take(params, name);
 }
 
+/* What parameters of pbrt-v3 became, which converters leave behind; NULL: nothing */
+static const struct {
+    const char *old, *now;
+} old_names[] = {
+    { "Kd", "reflectance" },   { "Kr", "reflectance" },       { "Ks", NULL },
+    { "Kt", "transmittance" }, { "bumpmap", "displacement" }, { "index", "eta" },
+    { "mapname", "filename" }, { "nsamples", NULL },          { "opacity", NULL },
+    { "samples", NULL },       { "shadowalpha", NULL },       { "st", "uv" },
+    { "trilinear", "filter" }, { "xwidth", "xradius" },       { "ywidth", "yradius" },
+};
+
+/* What may be meant by a name that nobody asked for */
+static void hint(const struct pbrt_params *params, const struct pbrt_param *param, char *text,
+                 size_t size)
+{
+    text[0] = '\0';
+    for (size_t i = 0; i < sizeof(old_names) / sizeof(old_names[0]); i++) {
+        const char *old = old_names[i].old, *now = old_names[i].now;
+        if (strlen(old) != param->name_length || memcmp(old, param->name, param->name_length) != 0)
+            continue;
+        snprintf(text, size, "; it is of pbrt-v3: in pbrt-v4 %s%s%s",
+                 now != NULL ? "it is \"" : "there is none", now != NULL ? now : "",
+                 now != NULL ? "\"" : "");
+        return;
+    }
+    const char *nearest = pbrt_names_nearest_of(params->asked, params->asked_count, param->name,
+                                                param->name_length);
+    if (nearest != NULL)
+        snprintf(text, size, "; the nearest is \"%s\"", nearest);
+}
+
 bool pbrt_params_done(struct pbrt_params *params)
 {
     for (size_t i = 0; !params->failed && i < params->items.count; i++) {
         const struct pbrt_param *param = &items(params)[i];
         if (param->used)
             continue;
-        const char *nearest = pbrt_names_nearest_of(params->asked, params->asked_count, param->name,
-                                                    param->name_length);
-        char text[256];
-        snprintf(text, sizeof(text), "unknown parameter \"%.*s\" of %s%s%s%s",
+        char text[320], meant[128];
+        hint(params, param, meant, sizeof(meant));
+        snprintf(text, sizeof(text), "unknown parameter \"%.*s\" of %s%s",
                  (int)(param->name_length < 64 ? param->name_length : 64), param->name,
-                 params->owner, nearest != NULL ? "; the nearest is \"" : "",
-                 nearest != NULL ? nearest : "", nearest != NULL ? "\"" : "");
+                 params->owner, meant);
         if (params->reader->report.lenient) {
             params->reader->report.warnings++;
             pbrt_report_note(params->reader, &param->pos, "%s; ignored", text);

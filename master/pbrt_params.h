@@ -43,6 +43,7 @@ struct pbrt_param {
     size_t first_number, number_count;
     size_t first_string, string_count;
     bool used;
+    bool linear; /* a colour that is linear sRGB already, whatever ColorSpace says */
 };
 
 #define PBRT_ASKED_MAX 64

@@ -38,6 +38,8 @@ struct pbrt_reader {
 
     struct scene_pictures pictures; /* that were read already */
 
+    uint64_t curved_triangles; /* pbrt_curved: so far */
+
     struct pbrt_view view;
     struct scene_build *build; /* the scene so far */
 };

@@ -83,22 +83,47 @@ bool pbrt_settings_sampler(struct pbrt_reader *reader, const struct pbrt_token *
 
 /* --- Integrator --------------------------------------------------------------------------- */
 
+enum { OUR_OWN, ANOTHER_WAY }; /* to the same picture */
+
 static const struct pbrt_name integrators[] = {
-    { "path", 0, NAME_OURS, NULL },
-    { "volpath", 0, NAME_OURS, NULL },
-    { "simplepath", 0, NAME_OURS, NULL },
-    { "simplevolpath", 0, NAME_OURS, NULL },
-    { "randomwalk", 0, NAME_OURS, NULL },
+    { "path", OUR_OWN, NAME_OURS, NULL },
+    { "volpath", OUR_OWN, NAME_OURS, NULL },
+    { "simplepath", OUR_OWN, NAME_OURS, NULL },
+    { "simplevolpath", OUR_OWN, NAME_OURS, NULL },
+    { "randomwalk", OUR_OWN, NAME_OURS, NULL },
+    { "bdpt", ANOTHER_WAY, NAME_OURS, NULL },
+    { "lightpath", ANOTHER_WAY, NAME_OURS, NULL },
+    { "mlt", ANOTHER_WAY, NAME_OURS, NULL },
+    { "sppm", ANOTHER_WAY, NAME_OURS, NULL },
     { "ambientocclusion", 0, NAME_LATER, NULL },
-    { "bdpt", 0, NAME_LATER, NULL },
     { "function", 0, NAME_LATER, NULL },
-    { "lightpath", 0, NAME_LATER, NULL },
-    { "mlt", 0, NAME_LATER, NULL },
-    { "sppm", 0, NAME_LATER, NULL },
     { "ao", 0, NAME_OLD, "in pbrt-v4 it is \"ambientocclusion\"" },
     { "directlighting", 0, NAME_OLD, "write \"path\" with \"integer maxdepth\" 1" },
     { "whitted", 0, NAME_OLD, "in pbrt-v4 there is \"path\"" },
 };
+
+/* What decides how pbrt finds its light, not how much there is */
+static void ignore_ways(struct pbrt_params *params)
+{
+    static const char *const names[] = { "lightsampler",
+                                         "samplelights",
+                                         "samplebsdf",
+                                         "rrthreshold",
+                                         "mutationsperpixel",
+                                         "largestepprobability",
+                                         "sigma",
+                                         "bootstrapsamples",
+                                         "chains",
+                                         "photonsperiteration",
+                                         "radius",
+                                         "seed" };
+    static const char *const pictures[] = { "visualizestrategies", "visualizeweights" };
+    for (size_t i = 0; i < COUNT(names); i++)
+        pbrt_params_ignore(params, names[i]);
+    for (size_t i = 0; i < COUNT(pictures); i++)
+        if (pbrt_params_bool(params, pictures[i], false))
+            pbrt_params_later(params, pictures[i]);
+}
 
 bool pbrt_settings_integrator(struct pbrt_reader *reader, const struct pbrt_token *type)
 {
@@ -106,17 +131,21 @@ bool pbrt_settings_integrator(struct pbrt_reader *reader, const struct pbrt_toke
     const struct pbrt_name *found;
     if (!pbrt_names_choose(reader, "integrator", integrators, COUNT(integrators), type, &found))
         return false;
+    if (found != NULL && found->value == ANOTHER_WAY)
+        pbrt_report_note(reader, &type->pos, "integrator \"%s\" renders as \"path\"", found->text);
     int64_t depth = pbrt_params_integer(params, "maxdepth", -1);
     if (pbrt_params_find(params, "maxdepth") != NULL && (depth < 0 || depth >= SCENE_NONE))
         pbrt_params_fail(params, pbrt_params_find(params, "maxdepth"), "a depth of %lld",
                          (long long)depth);
+    if (depth < 0)
+        pbrt_report_note(reader, &type->pos,
+                         "paths are as long as they are; pbrt, without \"maxdepth\", stops at 5");
     reader->build->scene->settings.max_depth = depth >= 0 ? (uint32_t)depth : SCENE_NONE;
     if (pbrt_params_bool(params, "regularize", false))
-        pbrt_params_later(params, "regularize");
-    static const char *const same_picture[] = { "lightsampler", "lightsampling", "samplelights",
-                                                "samplebsdf", "rrthreshold" };
-    for (size_t i = 0; i < COUNT(same_picture); i++)
-        pbrt_params_ignore(params, same_picture[i]);
+        pbrt_report_note(reader, &type->pos,
+                         "\"regularize\" is not used: blurring reflections seen in reflections "
+                         "saves noise and changes the picture");
+    ignore_ways(params);
     if (found == NULL) /* lenient: another integrator's parameters */
         for (size_t i = 0; i < params->items.count; i++)
             ((struct pbrt_param *)params->items.data)[i].used = true;
@@ -136,22 +165,72 @@ bool pbrt_settings_accelerator(struct pbrt_reader *reader, const struct pbrt_tok
     return true;
 }
 
+enum {
+    HARMLESS, /* or of no use here */
+    NO_PIXEL_JITTER,
+    NO_TEXTURE_FILTER,
+    FORCE_DIFFUSE,
+    SEED
+};
+
+static const struct pbrt_name options[] = {
+    { "disablepixeljitter", NO_PIXEL_JITTER, NAME_OURS, NULL },
+    { "disabletexturefiltering", NO_TEXTURE_FILTER, NAME_OURS, NULL },
+    { "forcediffuse", FORCE_DIFFUSE, NAME_OURS, NULL },
+    { "seed", SEED, NAME_OURS, NULL },
+    { "disablewavelengthjitter", HARMLESS, NAME_OURS, NULL },
+    { "displacementedgescale", HARMLESS, NAME_OURS, NULL },
+    { "msereferenceimage", HARMLESS, NAME_OURS, NULL },
+    { "msereferenceout", HARMLESS, NAME_OURS, NULL },
+    { "pixelstats", HARMLESS, NAME_OURS, NULL },
+    { "rendercoordsys", HARMLESS, NAME_OURS, NULL },
+    { "wavefront", HARMLESS, NAME_OURS, NULL },
+};
+
+/* The one value that follows, in brackets or not */
+static bool option_value(struct pbrt_reader *reader, struct pbrt_token *value)
+{
+    struct pbrt_token close;
+    if (!pbrt_lexer_next(reader->lexer, value, reader->err))
+        return false;
+    bool bracket = value->kind == TOKEN_OPEN;
+    if (bracket && !pbrt_lexer_next(reader->lexer, value, reader->err))
+        return false;
+    if (value->kind != TOKEN_WORD && value->kind != TOKEN_STRING)
+        return pbrt_report_error(reader, &value->pos, "Option wants a value");
+    if (bracket && !pbrt_lexer_next(reader->lexer, &close, reader->err))
+        return false;
+    return !bracket || close.kind == TOKEN_CLOSE ||
+           pbrt_report_error(reader, &close.pos, "Option wants one value");
+}
+
+static bool set_option(struct pbrt_reader *reader, const struct pbrt_name *option,
+                       const struct pbrt_token *name, const struct pbrt_token *value)
+{
+    bool *flag = option->value == NO_PIXEL_JITTER     ? &reader->view.no_jitter
+                 : option->value == NO_TEXTURE_FILTER ? &reader->textures.unfiltered
+                 : option->value == FORCE_DIFFUSE     ? &reader->materials.diffuse
+                                                      : NULL;
+    if (flag != NULL) {
+        *flag = pbrt_token_is(value, "true");
+        if (!*flag && !pbrt_token_is(value, "false"))
+            return pbrt_report_error(reader, &value->pos, "option \"%s\" is true or false",
+                                     option->text);
+        if (*flag && option->value == FORCE_DIFFUSE)
+            pbrt_report_note(reader, &name->pos,
+                             "\"forcediffuse\": the albedo of a material is its textured "
+                             "reflectance, or its mean over all directions; in pbrt it is that of "
+                             "the direction it is seen from");
+    } else if (option->value == SEED) {
+        pbrt_report_note(reader, &name->pos, "the seed is not used: the job has one (--seed)");
+    } else if (!pbrt_token_is(value, "false")) {
+        pbrt_report_note(reader, &name->pos, "option \"%s\" is of no use here", option->text);
+    }
+    return true;
+}
+
 bool pbrt_settings_option(struct pbrt_reader *reader, const struct pbrt_token *directive)
 {
-    enum { HARMLESS, CHANGES };
-    static const struct pbrt_name options[] = {
-        { "disabletexturefiltering", HARMLESS, NAME_OURS, NULL },
-        { "disablewavelengthjitter", HARMLESS, NAME_OURS, NULL },
-        { "displacementedgescale", HARMLESS, NAME_OURS, NULL },
-        { "msereferenceimage", HARMLESS, NAME_OURS, NULL },
-        { "msereferenceout", HARMLESS, NAME_OURS, NULL },
-        { "pixelstats", HARMLESS, NAME_OURS, NULL },
-        { "rendercoordsys", HARMLESS, NAME_OURS, NULL },
-        { "seed", HARMLESS, NAME_OURS, NULL },
-        { "wavefront", HARMLESS, NAME_OURS, NULL },
-        { "disablepixeljitter", CHANGES, NAME_OURS, NULL },
-        { "forcediffuse", CHANGES, NAME_OURS, NULL },
-    };
     struct pbrt_token name, value;
     const struct pbrt_name *found;
     if (!pbrt_args_string(reader, directive, &name))
@@ -161,18 +240,6 @@ bool pbrt_settings_option(struct pbrt_reader *reader, const struct pbrt_token *d
         name.length -= (size_t)(space + 1 - name.text);
         name.text = space + 1;
     }
-    if (!pbrt_names_choose(reader, "option", options, COUNT(options), &name, &found) ||
-        !pbrt_lexer_next(reader->lexer, &value, reader->err))
-        return false;
-    bool bracket = value.kind == TOKEN_OPEN;
-    if (bracket && !pbrt_lexer_next(reader->lexer, &value, reader->err))
-        return false;
-    if (value.kind != TOKEN_WORD && value.kind != TOKEN_STRING)
-        return pbrt_report_error(reader, &value.pos, "Option wants a value");
-    bool on = !pbrt_token_is(&value, "false");
-    if (bracket &&
-        (!pbrt_lexer_next(reader->lexer, &value, reader->err) || value.kind != TOKEN_CLOSE))
-        return pbrt_report_error(reader, &value.pos, "Option wants one value");
-    return found->value == HARMLESS || !on ||
-           pbrt_report_later(reader, &name.pos, "option \"%s\"", found->text);
+    return pbrt_names_choose(reader, "option", options, COUNT(options), &name, &found) &&
+           option_value(reader, &value) && set_option(reader, found, &name, &value);
 }

@@ -1,7 +1,8 @@
 /*
  * How the picture is computed: Sampler, Integrator, Accelerator, Option. Part of the pbrt reader.
- * What decides only how fast or how noisy pbrt is, is accepted and not used; what would change the
- * expected picture is refused. False: the reader's err is set.
+ * What decides only how fast or how noisy pbrt is, is accepted and not used, nor is what would make
+ * the picture another than its light transport's (a note says so); what asks for another picture
+ * altogether is refused. False: the reader's err is set.
  */
 #ifndef MASTER_PBRT_SETTINGS_H
 #define MASTER_PBRT_SETTINGS_H

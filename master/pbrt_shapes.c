@@ -1,5 +1,6 @@
 #include "master/pbrt_shapes.h"
 
+#include "master/pbrt_curved.h"
 #include "master/pbrt_reader.h"
 
 #include <math.h>
@@ -8,17 +9,26 @@
 #define PI       3.14159265358979323846
 #define COUNT(a) (sizeof(a) / sizeof((a)[0]))
 
-enum { SHAPE_MESH, SHAPE_PLY, SHAPE_SPHERE, SHAPE_DISK };
+enum {
+    SHAPE_MESH,
+    SHAPE_PLY,
+    SHAPE_SPHERE,
+    SHAPE_DISK,
+    SHAPE_CYLINDER,
+    SHAPE_BILINEAR,
+    SHAPE_LOOP,
+    SHAPE_CURVE
+};
 
 static const struct pbrt_name kinds[] = {
     { "trianglemesh", SHAPE_MESH, NAME_OURS, NULL },
     { "plymesh", SHAPE_PLY, NAME_OURS, NULL },
     { "sphere", SHAPE_SPHERE, NAME_OURS, NULL },
     { "disk", SHAPE_DISK, NAME_OURS, NULL },
-    { "bilinearmesh", 0, NAME_LATER, NULL },
-    { "curve", 0, NAME_LATER, NULL },
-    { "cylinder", 0, NAME_LATER, NULL },
-    { "loopsubdiv", 0, NAME_LATER, NULL },
+    { "bilinearmesh", SHAPE_BILINEAR, NAME_OURS, NULL },
+    { "curve", SHAPE_CURVE, NAME_OURS, NULL },
+    { "cylinder", SHAPE_CYLINDER, NAME_OURS, NULL },
+    { "loopsubdiv", SHAPE_LOOP, NAME_OURS, NULL },
     { "cone", 0, NAME_OLD, "pbrt-v4 has no such shape" },
     { "heightfield", 0, NAME_OLD, "pbrt-v4 has no such shape" },
     { "hyperboloid", 0, NAME_OLD, "pbrt-v4 has no such shape" },
@@ -43,7 +53,7 @@ static bool place_here(struct pbrt_reader *reader, const struct source_pos *pos,
 }
 
 /* "alpha" cuts holes: how much of the surface is there; *none when there is nothing of it */
-static bool read_alpha(struct pbrt_reader *reader, bool mesh, struct build_place *place, bool *none)
+static bool read_alpha(struct pbrt_reader *reader, struct build_place *place, bool *none)
 {
     struct pbrt_params *params = &reader->params;
     place->alpha = pbrt_textures_take(params, "alpha", false);
@@ -57,10 +67,6 @@ static bool read_alpha(struct pbrt_reader *reader, bool mesh, struct build_place
         return pbrt_report_later(reader, &place->pos, "light from a shape that is not seen");
     if (*none)
         return true;
-    if (!mesh) {
-        place->alpha = 0;
-        return pbrt_report_later(reader, &place->pos, "\"alpha\" of a sphere or disk");
-    }
     return place->alpha != 0 ? pbrt_textures_resolve(reader, &place->alpha)
                              : pbrt_textures_resolve_number(reader, alpha, &place->alpha);
 }
@@ -229,10 +235,11 @@ static bool add_quadric(struct pbrt_reader *reader, const struct build_place *pl
     if (phi < 360 || inner > 0 || (sphere && (z_min > -radius || z_max < radius)))
         quadric->flags |= QUADRIC_PARTIAL;
     bool whole = !(quadric->flags & QUADRIC_PARTIAL) && transform_similarity(&place->to_world) > 0;
-    if (place->emitter != SCENE_NONE && !whole) {
-        if (!pbrt_report_later(reader, &place->pos, "light from a cut or stretched sphere or disk"))
-            return false;
-        built.place.emitter = SCENE_NONE;
+    if (place->alpha != 0 || (place->emitter != SCENE_NONE && !whole)) {
+        pbrt_report_note(reader, &place->pos, "a %s that %s is made of triangles",
+                         sphere ? "sphere" : "disk",
+                         place->alpha != 0 ? "has \"alpha\"" : "emits and is cut or stretched");
+        return pbrt_curved_quadric(reader, &built);
     }
     return scene_build_add_quadric(reader->build, &built, reader->err);
 }
@@ -247,6 +254,14 @@ static bool add_shape(struct pbrt_reader *reader, const struct pbrt_name *kind,
         return add_mesh(reader, place);
     case SHAPE_PLY:
         return add_ply(reader, place);
+    case SHAPE_CYLINDER:
+        return pbrt_curved_cylinder(reader, place);
+    case SHAPE_BILINEAR:
+        return pbrt_curved_bilinear(reader, place);
+    case SHAPE_LOOP:
+        return pbrt_curved_loop(reader, place);
+    case SHAPE_CURVE:
+        return pbrt_curved_curve(reader, place);
     default:
         return add_quadric(reader, place, kind->value == SHAPE_SPHERE);
     }
@@ -282,8 +297,8 @@ bool pbrt_shapes_add(struct pbrt_reader *reader, const struct pbrt_token *type)
     struct build_place place;
     if (!place_here(reader, &type->pos, &place))
         return false;
-    bool mesh = found->value == SHAPE_MESH || found->value == SHAPE_PLY, none;
-    if (!read_alpha(reader, mesh, &place, &none))
+    bool none;
+    if (!read_alpha(reader, &place, &none))
         return false;
     if (none)
         return true;

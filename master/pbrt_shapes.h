@@ -1,6 +1,7 @@
 /*
- * Shape: meshes, in the text or in PLY files, spheres and disks, placed by the graphics state. Part
- * of the pbrt reader. False: the reader's err is set.
+ * Shape: meshes, in the text or in PLY files, spheres and disks, placed by the graphics state; what
+ * else there is, is made of triangles by pbrt_curved. Part of the pbrt reader. False: the reader's
+ * err is set.
  */
 #ifndef MASTER_PBRT_SHAPES_H
 #define MASTER_PBRT_SHAPES_H

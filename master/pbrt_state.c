@@ -9,6 +9,7 @@
 struct pbrt_frame {
     struct pbrt_state state;
     struct source_pos pos;
+    unsigned import_depth; /* of the lexer in an imported file; 0: another block */
 };
 
 void pbrt_state_start(struct pbrt_reader *reader)
@@ -49,16 +50,12 @@ bool pbrt_state_attribute_begin(struct pbrt_reader *reader, const struct pbrt_to
         reader->state.defaults[i].numbers = reader->stack.defaults[i].numbers.count;
         reader->state.defaults[i].strings = reader->stack.defaults[i].strings.count;
     }
-    *frame = (struct pbrt_frame){ reader->state, directive->pos };
+    *frame = (struct pbrt_frame){ .state = reader->state, .pos = directive->pos };
     return true;
 }
 
-bool pbrt_state_attribute_end(struct pbrt_reader *reader, const struct pbrt_token *directive)
+static void restore(struct pbrt_reader *reader)
 {
-    if (reader->stack.frames.count == 0)
-        return pbrt_report_error(reader, &directive->pos, "AttributeEnd without an AttributeBegin");
-    if (!pbrt_objects_may_close(reader, directive))
-        return false;
     const struct pbrt_frame *frame = (struct pbrt_frame *)reader->stack.frames.data +
                                      --reader->stack.frames.count;
     reader->state = frame->state;
@@ -66,6 +63,49 @@ bool pbrt_state_attribute_end(struct pbrt_reader *reader, const struct pbrt_toke
         reader->stack.defaults[i].items.count = reader->state.defaults[i].items;
         reader->stack.defaults[i].numbers.count = reader->state.defaults[i].numbers;
         reader->stack.defaults[i].strings.count = reader->state.defaults[i].strings;
+    }
+}
+
+static struct pbrt_frame *innermost(struct pbrt_reader *reader)
+{
+    size_t count = reader->stack.frames.count;
+    return count > 0 ? (struct pbrt_frame *)reader->stack.frames.data + count - 1 : NULL;
+}
+
+bool pbrt_state_attribute_end(struct pbrt_reader *reader, const struct pbrt_token *directive)
+{
+    const struct pbrt_frame *top = innermost(reader);
+    if (top == NULL || top->import_depth > 0)
+        return pbrt_report_error(reader, &directive->pos, "AttributeEnd without an AttributeBegin");
+    if (!pbrt_objects_may_close(reader, directive))
+        return false;
+    restore(reader);
+    return true;
+}
+
+bool pbrt_state_import(struct pbrt_reader *reader, const struct pbrt_token *name)
+{
+    if (!pbrt_state_attribute_begin(reader, name))
+        return false;
+    innermost(reader)->import_depth = pbrt_lexer_depth(reader->lexer);
+    reader->stack.imports++;
+    return true;
+}
+
+bool pbrt_state_end_imports(struct pbrt_reader *reader)
+{
+    while (reader->stack.imports > 0) {
+        const struct pbrt_frame *first = reader->stack.frames.data, *top = innermost(reader);
+        const struct pbrt_frame *import = top;
+        while (import->import_depth == 0 && import > first)
+            import--;
+        if (import->import_depth <= pbrt_lexer_depth(reader->lexer))
+            return true;
+        if (import != top)
+            return pbrt_report_error(reader, &top->pos,
+                                     "this block is not closed at the end of the imported file");
+        reader->stack.imports--;
+        restore(reader);
     }
     return true;
 }
@@ -109,13 +149,19 @@ bool pbrt_state_reverse_orientation(struct pbrt_reader *reader, const struct pbr
 bool pbrt_state_color_space(struct pbrt_reader *reader, const struct pbrt_token *directive)
 {
     static const struct pbrt_name spaces[] = {
-        { "srgb", 0, NAME_OURS, NULL },
-        { "aces2065-1", 0, NAME_LATER, NULL },
-        { "dci-p3", 0, NAME_LATER, NULL },
-        { "rec2020", 0, NAME_LATER, NULL },
+        { "srgb", COLOR_SRGB, NAME_OURS, NULL },
+        { "aces2065-1", COLOR_ACES2065_1, NAME_OURS, NULL },
+        { "dci-p3", COLOR_DCI_P3, NAME_OURS, NULL },
+        { "rec2020", COLOR_REC2020, NAME_OURS, NULL },
     };
     struct pbrt_token name;
     const struct pbrt_name *found;
-    return pbrt_args_string(reader, directive, &name) &&
-           pbrt_names_choose(reader, "color space", spaces, COUNT(spaces), &name, &found);
+    if (!pbrt_args_string(reader, directive, &name) ||
+        !pbrt_names_choose(reader, "color space", spaces, COUNT(spaces), &name, &found))
+        return false;
+    reader->state.color_space = (enum color_space)found->value;
+    if (found->value != COLOR_SRGB && !reader->in_world)
+        pbrt_report_note(reader, &name.pos, "the picture is written in linear sRGB, not in %s",
+                         found->text);
+    return true;
 }

@@ -9,6 +9,7 @@
 #ifndef MASTER_PBRT_STATE_H
 #define MASTER_PBRT_STATE_H
 
+#include "master/color_space.h"
 #include "master/growing.h"
 #include "master/pbrt_params.h"
 #include "master/transform.h"
@@ -34,9 +35,10 @@ struct pbrt_state {
     struct transform ctm;     /* world from object, or camera from world before WorldBegin */
     struct transform ctm_end; /* the same at the end of a motion; equal to ctm if there is none */
     bool reverse_orientation;
-    bool fixed_start, fixed_end; /* ActiveTransform: of these two, the other is meant alone */
-    uint32_t material;           /* index of a definition */
-    uint32_t emitter;            /* index of an area light, or SCENE_NONE */
+    enum color_space color_space; /* of rgb parameters */
+    bool fixed_start, fixed_end;  /* ActiveTransform: of these two, the other is meant alone */
+    uint32_t material;            /* index of a definition */
+    uint32_t emitter;             /* index of an area light, or SCENE_NONE */
     struct {
         size_t items, numbers, strings; /* how much of stack.defaults there was; on the stack */
     } defaults[TARGETS];
@@ -44,6 +46,7 @@ struct pbrt_state {
 
 struct pbrt_stack {
     struct growing frames;                /* struct pbrt_frame: the blocks that are open */
+    size_t imports;                       /* how many of them are imported files */
     struct pbrt_params defaults[TARGETS]; /* of Attribute, of all open blocks */
 };
 
@@ -57,6 +60,13 @@ bool pbrt_state_attribute_end(struct pbrt_reader *reader, const struct pbrt_toke
 bool pbrt_state_attribute(struct pbrt_reader *reader, const struct pbrt_token *directive);
 bool pbrt_state_reverse_orientation(struct pbrt_reader *reader, const struct pbrt_token *directive);
 bool pbrt_state_color_space(struct pbrt_reader *reader, const struct pbrt_token *directive);
+
+/*
+ * Import: what the imported file does to the state ends with it. The block begins when its file was
+ * opened; before every directive, those end whose file has (an error if a block inside is open).
+ */
+bool pbrt_state_import(struct pbrt_reader *reader, const struct pbrt_token *name);
+bool pbrt_state_end_imports(struct pbrt_reader *reader);
 
 /* At the end of the text: an error at the innermost block that was not closed. */
 bool pbrt_state_closed(struct pbrt_reader *reader);

@@ -638,3 +638,12 @@ bool pbrt_textures_resolve_number(struct pbrt_reader *reader, double value, uint
         constant.value[0][c] = (float)value;
     return add_to_scene(reader, &constant, nowhere, texture);
 }
+
+/* A picture without its smaller versions is what every footprint sees. Noises still leave out what
+ * a footprint hides. */
+void pbrt_textures_finish(struct pbrt_reader *reader)
+{
+    struct scene_picture *pictures = reader->build->pictures.data;
+    for (size_t i = 0; reader->textures.unfiltered && i < reader->build->pictures.count; i++)
+        pictures[i].levels = 1;
+}

@@ -19,6 +19,7 @@ struct pbrt_reader;
 
 struct pbrt_textures {
     struct growing definitions; /* struct pbrt_texture: as written */
+    bool unfiltered;            /* option "disabletexturefiltering" */
 };
 void pbrt_textures_free(struct pbrt_textures *textures);
 
@@ -41,5 +42,8 @@ bool pbrt_textures_resolve(struct pbrt_reader *reader, uint32_t *texture);
 
 /* The same of a number, for where the scene has no place for one. */
 bool pbrt_textures_resolve_number(struct pbrt_reader *reader, double value, uint32_t *texture);
+
+/* At the end: what the option says. */
+void pbrt_textures_finish(struct pbrt_reader *reader);
 
 #endif

@@ -9,6 +9,7 @@
 #define PI        3.14159265358979323846
 #define COUNT(a)  (sizeof(a) / sizeof((a)[0]))
 #define SIZE_MOST 65536 /* pixels along a side */
+#define CENTRE    1e-6f /* pixels: a filter that is a point */
 
 static struct scene_settings *settings_of(struct pbrt_reader *reader)
 {
@@ -25,6 +26,7 @@ void pbrt_view_start(struct pbrt_reader *reader)
                                        .width = 1280,
                                        .height = 720,
                                        .crop = { 0, 1, 0, 1 } };
+    pbrt_sensor_start(&reader->view.sensor);
     settings_of(reader)->filter = (struct filter_spec){ .kind = FILTER_GAUSSIAN,
                                                         .radius = { 1.5f, 1.5f },
                                                         .sigma = 0.5f };
@@ -84,20 +86,22 @@ bool pbrt_view_camera(struct pbrt_reader *reader, const struct pbrt_token *type)
                          "frameaspectratio, lensradius and focaldistance must be positive");
     view->shutter[0] = pbrt_params_float(params, "shutteropen", 0);
     view->shutter[1] = pbrt_params_float(params, "shutterclose", 1);
-    if (!(view->shutter[0] <= view->shutter[1]))
+    if (!(view->shutter[0] < view->shutter[1]))
         pbrt_params_fail(params, pbrt_params_find(params, "shutterclose"),
-                         "the shutter closes at %g, before it opens at %g", view->shutter[1],
-                         view->shutter[0]);
+                         view->shutter[0] == view->shutter[1]
+                             ? "the shutter closes at %g as it opens at %g: the film stays black"
+                             : "the shutter closes at %g, before it opens at %g",
+                         view->shutter[1], view->shutter[0]);
     return pbrt_params_done(params);
 }
 
 /* --- Film --------------------------------------------------------------------------------- */
 
-enum { FILM_RGB, FILM_GBUFFER };
+enum { FILM_RGB, FILM_GBUFFER, FILM_SPECTRAL };
 static const struct pbrt_name films[] = {
     { "rgb", FILM_RGB, NAME_OURS, NULL },
     { "gbuffer", FILM_GBUFFER, NAME_OURS, NULL },
-    { "spectral", 0, NAME_LATER, NULL },
+    { "spectral", FILM_SPECTRAL, NAME_OURS, NULL },
     { "image", 0, NAME_OLD, "in pbrt-v4 it is \"rgb\"" },
 };
 
@@ -112,28 +116,6 @@ static void read_size(struct pbrt_params *params, const char *name, uint32_t oth
         *size = (uint32_t)value;
 }
 
-/* Sensors that measure anything but plain radiance change brightness and colours */
-static void read_sensor(struct pbrt_params *params)
-{
-    const struct pbrt_token *sensor = pbrt_params_string(params, "sensor");
-    if (sensor != NULL && !pbrt_token_is(sensor, "cie1931") && !params->failed)
-        params->failed = !pbrt_report_later(params->reader, &sensor->pos,
-                                            "the film sensor \"%.*s\"", (int)sensor->length,
-                                            sensor->text);
-    static const struct {
-        const char *name;
-        double neutral;
-    } exposures[] = {
-        { "iso", 100 }, { "exposuretime", 1 }, { "whitebalance", 0 }, { "imagingratio", 1 }
-    };
-    for (size_t i = 0; i < COUNT(exposures); i++)
-        if (pbrt_params_float(params, exposures[i].name, exposures[i].neutral) !=
-            exposures[i].neutral)
-            pbrt_params_later(params, exposures[i].name);
-    if (pbrt_params_find(params, "maxcomponentvalue") != NULL)
-        pbrt_params_later(params, "maxcomponentvalue");
-}
-
 bool pbrt_view_film(struct pbrt_reader *reader, const struct pbrt_token *type)
 {
     struct pbrt_params *params = &reader->params;
@@ -141,8 +123,8 @@ bool pbrt_view_film(struct pbrt_reader *reader, const struct pbrt_token *type)
     const struct pbrt_name *found;
     if (!pbrt_names_choose(reader, "film", films, COUNT(films), type, &found))
         return false;
-    if (found != NULL && found->value == FILM_GBUFFER)
-        pbrt_report_note(reader, &type->pos, "film \"gbuffer\" is read as \"rgb\"");
+    if (found->value != FILM_RGB)
+        pbrt_report_note(reader, &type->pos, "film \"%s\" is read as \"rgb\"", found->text);
 
     read_size(params, "xresolution", 1280, &view->width);
     read_size(params, "yresolution", 720, &view->height);
@@ -162,13 +144,13 @@ bool pbrt_view_film(struct pbrt_reader *reader, const struct pbrt_token *type)
     for (size_t i = 0; bounds != NULL && i < count && i < 4; i++)
         view->pixel_bounds[i] = (int64_t)bounds[i];
 
-    read_sensor(params);
+    pbrt_sensor_read(params, &view->sensor);
     pbrt_params_string(params, "filename");
     pbrt_params_bool(params, "savefp16", true);
     pbrt_params_float(params, "diagonal", 35);
-    if (found == NULL || found->value == FILM_GBUFFER)
+    if (found->value == FILM_GBUFFER)
         pbrt_params_ignore(params, "coordinatesystem");
-    if (found == NULL) { /* lenient: a spectral film */
+    if (found->value == FILM_SPECTRAL) {
         pbrt_params_ignore(params, "nbuckets");
         pbrt_params_ignore(params, "lambdamin");
         pbrt_params_ignore(params, "lambdamax");
@@ -272,5 +254,8 @@ bool pbrt_view_finish(struct pbrt_reader *reader)
     const double *times = reader->spaces.times;
     for (int i = 0; i < 2; i++)
         settings->shutter[i] = (float)((view->shutter[i] - times[0]) / (times[1] - times[0]));
+    if (view->no_jitter)
+        settings->filter = (struct filter_spec){ .kind = FILTER_BOX, .radius = { CENTRE, CENTRE } };
+    pbrt_sensor_finish(reader);
     return true;
 }

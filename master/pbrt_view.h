@@ -8,6 +8,7 @@
 
 #include "common/scene.h"
 #include "master/pbrt_lexer.h"
+#include "master/pbrt_sensor.h"
 #include "master/transform.h"
 
 #include <stdbool.h>
@@ -20,6 +21,8 @@ struct pbrt_view {
     struct transform world_from_camera, world_from_camera_end;
     bool moves; /* from the one to the other */
     double shutter[2];
+    struct pbrt_sensor sensor;
+    bool no_jitter; /* samples stand in the middle of their pixels */
     struct source_pos pos;
     double fov;    /* radians */
     double aspect; /* 0: the film's */

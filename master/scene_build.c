@@ -77,11 +77,34 @@ static bool narrow_is_enough(const double *wide, const float *narrow, size_t cou
     return true;
 }
 
+/* Does a mesh stand exactly like another, and begin where that one ends? */
+static bool goes_on(const struct build_mesh *before, const struct build_mesh *mesh)
+{
+    const struct build_place *a = &before->place, *b = &mesh->place;
+    const struct ply_added *x = &before->range, *y = &mesh->range;
+    return a->joins && b->joins && before->group == mesh->group && !x->has_wide && !y->has_wide &&
+           memcmp(&a->to_world, &b->to_world, sizeof(a->to_world)) == 0 &&
+           a->reverse_orientation == b->reverse_orientation && a->material == b->material &&
+           a->emitter == b->emitter && a->alpha == b->alpha &&
+           x->first_vertex + x->vertex_count == y->first_vertex &&
+           x->first_triangle + x->triangle_count == y->first_triangle &&
+           x->has_normals == y->has_normals && x->has_uvs == y->has_uvs &&
+           x->has_colors == y->has_colors;
+}
+
 bool scene_build_add_mesh(struct scene_build *build, const struct build_place *place,
                           const struct ply_added *added, struct err *err)
 {
     struct ply_target *vertices = &build->vertices;
     struct build_mesh mesh = { .place = *place, .range = *added, .group = build->open_group };
+    size_t before = build->meshes.count;
+    struct build_mesh *last = before > 0 ? (struct build_mesh *)build->meshes.data + before - 1
+                                         : NULL;
+    if (last != NULL && goes_on(last, &mesh)) {
+        last->range.vertex_count += added->vertex_count;
+        last->range.triangle_count += added->triangle_count;
+        return true;
+    }
     if (added->has_normals)
         mesh.first_normal = vertices->normals.count - added->vertex_count;
     if (added->has_uvs)

@@ -32,6 +32,7 @@ struct build_place {
     uint32_t material; /* index into `materials` below, or SCENE_NONE */
     uint32_t emitter;  /* index into `emitters`, or SCENE_NONE */
     uint32_t alpha;    /* 1 + index into `textures`, or 0 */
+    bool joins;        /* may be one mesh with the one before, if that stands alike and may, too */
     struct source_pos pos;
 };
 

@@ -27,6 +27,8 @@ static bool radiance_of(const struct emitter *emitter, double area, float radian
                         struct err *err)
 {
     double sides = emitter->two_sided ? 2 : 1;
+    if (emitter->whole_area > 0)
+        area = emitter->whole_area;
     double scale = emitter->power > 0 ? emitter->power / (PI * sides * area) : 1;
     for (int c = 0; c < 3; c++) {
         radiance[c] = (float)(emitter->radiance[c] * scale);

@@ -18,7 +18,8 @@ struct scene;
 /* What an area light directive says. */
 struct emitter {
     double radiance[3];
-    double power; /* watts of every triangle or quadric, in place of a scale; 0: not given */
+    double power;      /* watts of every triangle or quadric, in place of a scale; 0: not given */
+    double whole_area; /* what sends the power together; 0: every triangle or quadric alone */
     bool two_sided;
     struct source_pos pos;
 };

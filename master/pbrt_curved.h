@@ -1,0 +1,30 @@
+/*
+ * Shape: those that become triangles at load, because the scene model has no others like them:
+ * cylinder, bilinearmesh, loopsubdiv and curve, and spheres and disks where they emit or have
+ * "alpha" and are more than a quadric can be. Part of the pbrt reader. False: the reader's err is
+ * set.
+ *
+ * How close they come is said in tessellate.h, subdivide.h and curve_mesh.h; a bilinear patch is
+ * true to 1/2048 of its mesh's size. How many triangles a scene may get in this way grows with its
+ * text (32 for each byte, and a million to begin with), so that a small file cannot ask for all
+ * memory; beyond is ERR_SCENE.
+ */
+#ifndef MASTER_PBRT_CURVED_H
+#define MASTER_PBRT_CURVED_H
+
+#include "master/scene_build.h"
+
+#include <stdbool.h>
+
+struct pbrt_reader;
+
+/* Read the current parameters and add the shape. */
+bool pbrt_curved_cylinder(struct pbrt_reader *reader, const struct build_place *place);
+bool pbrt_curved_bilinear(struct pbrt_reader *reader, const struct build_place *place);
+bool pbrt_curved_loop(struct pbrt_reader *reader, const struct build_place *place);
+bool pbrt_curved_curve(struct pbrt_reader *reader, const struct build_place *place);
+
+/* A sphere or disk whose parameters were read. */
+bool pbrt_curved_quadric(struct pbrt_reader *reader, const struct build_quadric *quadric);
+
+#endif
