@@ -15,6 +15,14 @@
  * the three vertex normals; its light leaves on that side. Area lights with "power" on a mesh emit
  * that power from every triangle, as in pbrt.
  *
+ * Shapes that are no mesh, sphere or disk become triangles (pbrt_curved.h): the normal of a cylinder
+ * or a curve that is no ribbon points outwards, that of a subdivision surface where pbrt has it.
+ * "power" on them is that of the whole shape, of a bilinear mesh that of each patch.
+ *
+ * Brightness is pbrt's: the film sees (shutterclose - shutteropen) * iso / 100 of the light
+ * (pbrt_sensor.h). Integrators that find the same light in another way render as ours; limits that
+ * pbrt sets by default, or only to have less noise, are not applied, and a note says so.
+ *
  * Textures differ from pbrt-v4 in this: "bilinear", "trilinear" and "ewa" pictures are all filtered
  * trilinearly; a PNG's alpha is linear, whatever its colours are; and what the numbers of a texture
  * are (reflectances are at most 1) is decided where it is defined, not where it is used.

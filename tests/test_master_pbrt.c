@@ -1172,9 +1172,11 @@ static void real_scenes_are_read_strictly(void **state)
 {
     (void)state;
     static const char *const patterns[] = { "scenes/cornell-box/*.pbrt",
-                                            "scenes/veach-mis-pbrt/*.pbrt" };
+                                            "scenes/veach-mis-pbrt/*.pbrt",
+                                            "scenes/material-testball/*.pbrt",
+                                            "scenes/bmw-m6/*.pbrt" };
     size_t count = 0;
-    for (size_t i = 0; i < 2; i++) {
+    for (size_t i = 0; i < sizeof(patterns) / sizeof(patterns[0]); i++) {
         char pattern[700];
         snprintf(pattern, sizeof(pattern), "%s/%s", shared_folder(), patterns[i]);
         count += read_all(pattern);
