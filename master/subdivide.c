@@ -395,7 +395,7 @@ static bool add_limit(struct tessellation *out, const struct level *level, struc
         if (level->corner_of[v] != NONE) {
             struct ring ring = ring_of(level, v);
             double inner = 1 / (ring.valence + 3 / (8 * even_weight(ring.valence)));
-            move(level, v, &ring, inner, 1.0 / 5, p);
+            move(level, v, &ring, inner, 1.0 / 6, p);
             limit_normal(level, v, &ring, n);
         }
         if (!tessellate_vertex(out, p, n, NULL, err))

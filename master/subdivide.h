@@ -5,7 +5,9 @@
  *
  * As in pbrt, that normal is on the side from which the corners of a face go around clockwise:
  * opposite to that of a trianglemesh of the same corners. Unlike pbrt, whose masks for tangents see
- * the moved neighbours, it is that of the limit surface itself. Pure, but for memory.
+ * the moved neighbours, it is that of the limit surface itself; and a boundary is moved to its own
+ * limit, the cubic B-spline (pbrt weighs 1/5 : 3/5 : 1/5 instead of 1/6 : 4/6 : 1/6). After the
+ * usual three levels neither is seen. Pure, but for memory.
  */
 #ifndef MASTER_SUBDIVIDE_H
 #define MASTER_SUBDIVIDE_H

@@ -625,8 +625,6 @@ static const struct bad_row {
       ERR_SCENE },
     { W "  Shape \"spere\"", "text:2:9: unknown shape \"spere\"; the nearest is \"sphere\"",
       ERR_SCENE },
-    { W "Shape \"cylinder\"", "text:2:7: shape \"cylinder\" is not supported yet",
-      ERR_UNSUPPORTED },
     { W "Shape \"cone\"", "is of pbrt-v3", ERR_SCENE },
     { W "Shape \"sphere", "text:2:7: a string without its closing quote", ERR_SCENE },
     { W "Shape \"sphere\" \"float radius\" [1", "no closing bracket", ERR_SCENE },
@@ -647,9 +645,6 @@ static const struct bad_row {
     { W "Shape \"sphere\" \"float radius\" 1 \"float radius\" 2", "given twice", ERR_SCENE },
     { W "Shape \"sphere\" \"float radius\" 0", "no area", ERR_SCENE },
     { W "Shape \"disk\" \"float innerradius\" 2", "no area", ERR_SCENE },
-    { W LIGHT "Shape \"sphere\" \"float zmin\" 0", "light from a cut or stretched",
-      ERR_UNSUPPORTED },
-    { W LIGHT "Scale 1 2 1 Shape \"disk\"", "light from a cut or stretched", ERR_UNSUPPORTED },
     { W LIGHT "Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 2 0 0]", "text:2:1", ERR_SCENE },
     { W LIGHT "Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 2 0 0]", "this light has no area",
       ERR_SCENE },
@@ -670,8 +665,6 @@ static const struct bad_row {
     { W "Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0] \"normal N\" [0 0 1]",
       "1 entries for 3 vertices", ERR_SCENE },
     { W "Shape \"trianglemesh\"", "wants \"point3 P\"", ERR_SCENE },
-    { W "Shape \"sphere\" \"float alpha\" .5", "\"alpha\" of a sphere or disk is not supported yet",
-      ERR_UNSUPPORTED },
     { W "Scale 1e30 1 1 " TRI, "beyond 1e+18", ERR_SCENE },
     { W "Material \"mate\"", "unknown material", ERR_SCENE },
     { W "Material \"difuse\"", "the nearest is \"diffuse\"", ERR_SCENE },
@@ -912,7 +905,7 @@ static void white_balance_turns_colours_as_pbrts_does(void **state)
     }
 }
 
-/* Numbers of colour-science sites for these primaries; white surfaces are white in any space */
+/* By the published matrices of these spaces; white surfaces are white in any space */
 static void colours_of_other_spaces_become_srgb(void **state)
 {
     (void)state;
@@ -922,10 +915,10 @@ static void colours_of_other_spaces_become_srgb(void **state)
     } rows[] = {
         { "srgb", ".1 .2 .3", { .1, .2, .3 }, { .1, .2, .3 } },
         { "rec2020", ".5 .5 .5", { .5, .5, .5 }, { .5, .5, .5 } },
-        { "rec2020", ".3 .5 .4", { .20085, .51754, .39479 }, { .20085, .51754, .39479 } },
+        { "rec2020", ".3 .5 .4", { .17523, .52575, .39172 }, { .17523, .52575, .39172 } },
         { "rec2020", "1 0 0", { 1, 0, 0 }, { 1.6605, 0, 0 } },
-        { "dci-p3", ".5 .4 .3", { .52248, .39580, .28958 }, { .52248, .39580, .28958 } },
-        { "aces2065-1", ".5 .5 .5", { .5, .5, .5 }, { .5334, .4942, .4547 } },
+        { "dci-p3", ".5 .4 .3", { .52257, .39576, .28808 }, { .52257, .39576, .28808 } },
+        { "aces2065-1", ".5 .5 .5", { .5, .5, .5 }, { .52348, .49728, .45777 } },
     };
     for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
         char text[1000];
@@ -988,14 +981,15 @@ static void options_that_change_the_picture_do(void **state)
     scene_free(noted("Option \"seed\" 7 WorldBegin", "--seed"));
     scene_free(noted("Option \"string rendercoordsys\" \"world\" WorldBegin", "of no use here"));
 
-    /* White glass keeps R + T / n^2, white surfaces everything, metal its mean reflectance */
+    /* Glass keeps R + T / n^2, metal its mean reflectance, and a coat over white what its thickness
+     * does not absorb */
     scene = noted(
         "Option \"forcediffuse\" true WorldBegin Material \"dielectric\" Shape \"disk\" "
         "Material \"conductor\" \"rgb eta\" [1 1 1] \"rgb k\" [1e3 1e3 1e3] Shape \"disk\" "
         "Material \"diffuse\" \"rgb reflectance\" [.2 .3 .4] Shape \"disk\" "
         "Material \"coateddiffuse\" \"rgb reflectance\" [1 1 1] Shape \"disk\"",
         "mean over all directions");
-    static const double want[] = { .0918 + (1 - .0918) / 2.25, .997, .2, 1 };
+    static const double want[] = { .0918 + (1 - .0918) / 2.25, .997, .2, .92 };
     for (int i = 0; i < 4; i++) {
         assert_int_equal(scene->materials[i].kind, MATERIAL_DIFFUSE);
         EXPECT_NEAR(scene->materials[i].reflectance[0], want[i], 5e-3);

@@ -195,7 +195,7 @@ static void planes_stay_planes_and_boundaries_stay_where_they_are(void **state)
     tessellate_free(&shape);
 }
 
-/* A single triangle: each corner goes to 3/5 of itself and 1/5 of both others */
+/* A single triangle: each corner goes to 4/6 of itself and 1/6 of both others, at any level */
 static void a_boundary_is_a_spline_of_its_own(void **state)
 {
     (void)state;
@@ -204,9 +204,9 @@ static void a_boundary_is_a_spline_of_its_own(void **state)
     for (unsigned levels = 0; levels < 4; levels++) {
         struct tessellation shape = start();
         assert_true(subdivide_loop(&shape, &mesh, levels, NULL));
-        EXPECT_NEAR(position(&shape, 0)[0], 1, 1e-12);
-        EXPECT_NEAR(position(&shape, 1)[0], 3, 1e-12);
-        EXPECT_NEAR(position(&shape, 1)[1], 1, 1e-12);
+        EXPECT_NEAR(position(&shape, 0)[0], 5. / 6, 1e-12);
+        EXPECT_NEAR(position(&shape, 1)[0], 20. / 6, 1e-12);
+        EXPECT_NEAR(position(&shape, 1)[1], 5. / 6, 1e-12);
         EXPECT_NEAR(normal(&shape, 0)[2], -1, 1e-12);
         tessellate_free(&shape);
     }
