@@ -15,9 +15,9 @@
  * the three vertex normals; its light leaves on that side. Area lights with "power" on a mesh emit
  * that power from every triangle, as in pbrt.
  *
- * Shapes that are no mesh, sphere or disk become triangles (pbrt_curved.h): the normal of a cylinder
- * or a curve that is no ribbon points outwards, that of a subdivision surface where pbrt has it.
- * "power" on them is that of the whole shape, of a bilinear mesh that of each patch.
+ * Shapes that are no mesh, sphere or disk become triangles (pbrt_curved.h): the normal of a
+ * cylinder or a curve that is no ribbon points outwards, that of a subdivision surface where pbrt
+ * has it. "power" on them is that of the whole shape, of a bilinear mesh that of each patch.
  *
  * Brightness is pbrt's: the film sees (shutterclose - shutteropen) * iso / 100 of the light
  * (pbrt_sensor.h). Integrators that find the same light in another way render as ours; limits that
