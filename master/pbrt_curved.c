@@ -11,8 +11,8 @@
 
 #define PI             3.14159265358979323846
 #define COUNT(a)       (sizeof(a) / sizeof((a)[0]))
-#define FREE_TRIANGLES (1u << 20) /* of a whole scene, */
-#define PER_BYTE       32         /* and for each byte of its text */
+#define FREE_TRIANGLES (1u << 18) /* of a whole scene, */
+#define PER_BYTE       16         /* and for each byte of its text */
 #define PATCH_SHARE    2048       /* of a mesh's size: how far from a patch triangles may be */
 
 /* --- Into the scene ----------------------------------------------------------------------- */

@@ -6,7 +6,7 @@
  *
  * How close they come is said in tessellate.h, subdivide.h and curve_mesh.h; a bilinear patch is
  * true to 1/2048 of its mesh's size. How many triangles a scene may get in this way grows with its
- * text (32 for each byte, and a million to begin with), so that a small file cannot ask for all
+ * text (16 for each byte, and 262,144 to begin with), so that a small file cannot ask for all
  * memory; beyond is ERR_SCENE.
  */
 #ifndef MASTER_PBRT_CURVED_H

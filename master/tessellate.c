@@ -6,7 +6,8 @@
 #include <math.h>
 #include <string.h>
 
-#define PI 3.14159265358979323846
+#define PI          3.14159265358979323846
+#define SPHERE_TURN (TESSELLATE_TURN / 2)
 
 void tessellate_free(struct tessellation *out)
 {
@@ -28,7 +29,8 @@ bool tessellate_allows(const struct tessellation *out, double more, struct err *
     double sum = (double)out->triangles.count + more;
     if (sum <= (double)out->most && sum < UINT32_MAX / 3)
         return true;
-    return err_set(err, ERR_SCENE, "the shape takes %.0f triangles: too many", sum);
+    return err_set(err, ERR_SCENE, "the shape takes %.0f triangles: %zu are possible here", sum,
+                   out->most);
 }
 
 static bool add_doubles(struct growing *array, const double *values, size_t count)
@@ -182,8 +184,8 @@ bool tessellate_sphere(struct tessellation *out, const struct tessellate_round *
 {
     double range = polar_angle(shape->z_min, shape->radius) -
                    polar_angle(shape->z_max, shape->radius);
-    struct grid grid = { sphere_at, shape, pieces_of(shape->phi_max, 2 * PI, TESSELLATE_TURN),
-                         pieces_of(range, PI, TESSELLATE_TURN / 2), false };
+    struct grid grid = { sphere_at, shape, pieces_of(shape->phi_max, 2 * PI, SPHERE_TURN),
+                         pieces_of(range, PI, SPHERE_TURN / 2), false };
     return add_grid(out, &grid, err);
 }
 

@@ -1,8 +1,9 @@
 /*
  * Curved shapes as triangles: what pbrt intersects in closed form and we do not. Every vertex lies
  * on the surface, with pbrt-v4's (u, v) and the surface's own normal, so that only silhouettes and
- * areas differ: a chord of a circle stays within 3.1e-4 of the radius (TESSELLATE_TURN pieces), and
- * a bilinear patch within the tolerance that its caller states. Seams have the same coordinates on
+ * areas differ: a chord of a circle stays within 3.1e-4 of the radius (TESSELLATE_TURN pieces), a
+ * sphere, which has half as many, within 2.5e-3 (its area within 2.5e-3, too), and a bilinear patch
+ * within the tolerance that its caller states. Seams have the same coordinates on
  * both sides, bit by bit. Also the array that subdivide.h and curve_mesh.h fill.
  *
  * Triangles are wound around the normal, which is that of dp/du x dp/dv. What has no area is left

@@ -153,7 +153,7 @@ static void spheres_have_their_area_and_pbrts_parameters(void **state)
         double high = elem_acos(rows[i].z_max / r);
         assert_true(tessellate_sphere(&shape, &rows[i], NULL));
         EXPECT_NEAR(area_of(&shape) / (rows[i].phi_max * r * (rows[i].z_max - rows[i].z_min)), 1,
-                    6e-4);
+                    2.5e-3);
         expect_front_sides(&shape);
         for (size_t v = 0; v < shape.positions.count; v++) {
             const double *p = position(&shape, v), *st = uv(&shape, v);
@@ -174,7 +174,7 @@ static void spheres_have_their_area_and_pbrts_parameters(void **state)
         face_normal(&ball, i, n);
         volume += dot(n, position(&ball, triangle(&ball, i)[0])) / 6;
     }
-    EXPECT_NEAR(volume, 4 * PI / 3, 5e-3);
+    EXPECT_NEAR(volume, 4 * PI / 3, 2e-2);
     tessellate_free(&ball);
 }
 
@@ -291,7 +291,7 @@ static void what_has_no_area_gives_nothing_and_too_much_is_refused(void **state)
     const struct tessellate_round round = { .radius = 1, .phi_max = 2 * PI, .z_max = 1 };
     assert_false(tessellate_cylinder(&shape, &round, &err));
     assert_int_equal(err.code, ERR_SCENE);
-    assert_non_null(strstr(err.text, "256 triangles: too many"));
+    assert_non_null(strstr(err.text, "256 triangles: 100 are possible"));
     tessellate_free(&shape);
 }
 
