@@ -299,9 +299,6 @@ bool pbrt_curved_loop(struct pbrt_reader *reader, const struct build_place *plac
     mesh.indices = pbrt_params_array(params, "indices", PARAM_INTEGER, &indices);
     mesh.triangle_count = indices / 3;
     int64_t levels = pbrt_params_integer(params, "levels", 3);
-    const struct pbrt_param *old = pbrt_params_find(params, "nlevels");
-    if (old != NULL)
-        pbrt_params_fail(params, old, "\"nlevels\" is of pbrt-v3: in pbrt-v4 it is \"levels\"");
     const struct pbrt_token *scheme = pbrt_params_string(params, "scheme");
     if (mesh.points == NULL || mesh.indices == NULL)
         pbrt_params_fail(params, NULL, "a loopsubdiv wants \"point3 P\" and \"integer indices\"");

@@ -268,6 +268,62 @@ const struct pbrt_token *pbrt_params_tokens(const struct pbrt_params *params,
                : NULL;
 }
 
+/* What parameters of pbrt-v3 became, which converters leave behind; NULL: nothing */
+static const struct {
+    const char *old, *now;
+} old_names[] = {
+    { "Kd", "reflectance" },
+    { "Kr", "reflectance" },
+    { "Ks", NULL },
+    { "Kt", "transmittance" },
+    { "bsdffile", "filename" },
+    { "bumpmap", "displacement" },
+    { "index", "eta" },
+    { "lightsamplestrategy", "lightsampler" },
+    { "mapname", "filename" },
+    { "namedmaterial1", "materials" },
+    { "namedmaterial2", "materials" },
+    { "nlevels", "levels" },
+    { "nsamples", NULL },
+    { "opacity", NULL },
+    { "samples", NULL },
+    { "shadowalpha", NULL },
+    { "st", "uv" },
+    { "trilinear", "filter" },
+    { "xwidth", "xradius" },
+    { "ywidth", "yradius" },
+};
+
+/* Is the parameter's name one of pbrt-v3? Then text continues a sentence about it. */
+static bool was_renamed(const struct pbrt_param *param, char *text, size_t size)
+{
+    for (size_t i = 0; i < sizeof(old_names) / sizeof(old_names[0]); i++) {
+        const char *old = old_names[i].old, *now = old_names[i].now;
+        if (strlen(old) != param->name_length || memcmp(old, param->name, param->name_length) != 0)
+            continue;
+        snprintf(text, size, "of pbrt-v3: in pbrt-v4 %s%s%s",
+                 now != NULL ? "it is \"" : "there is none", now != NULL ? now : "",
+                 now != NULL ? "\"" : "");
+        return true;
+    }
+    return false;
+}
+
+/* What is missing may be there under its old name */
+static void add_old_name(const struct pbrt_params *params, char *text, size_t size)
+{
+    char was[80];
+    size_t length = strlen(text);
+    for (size_t i = 0; i < params->items.count; i++) {
+        const struct pbrt_param *param = &items(params)[i];
+        if (param->used || !was_renamed(param, was, sizeof(was)))
+            continue;
+        snprintf(text + length, size - length, "; \"%.*s\" is %s", (int)param->name_length,
+                 param->name, was);
+        return;
+    }
+}
+
 void pbrt_params_fail(struct pbrt_params *params, const struct pbrt_param *param,
                       const char *format, ...)
 {
@@ -279,6 +335,8 @@ void pbrt_params_fail(struct pbrt_params *params, const struct pbrt_param *param
     va_start(args, format);
     vsnprintf(text, sizeof(text), format, args);
     va_end(args);
+    if (param == NULL)
+        add_old_name(params, text, sizeof(text));
     pbrt_report_error(params->reader, param != NULL ? &param->pos : &params->pos, "%s", text);
 }
 
@@ -445,34 +503,17 @@ void pbrt_params_ignore(struct pbrt_params *params, const char *name)
     take(params, name);
 }
 
-/* What parameters of pbrt-v3 became, which converters leave behind; NULL: nothing */
-static const struct {
-    const char *old, *now;
-} old_names[] = {
-    { "Kd", "reflectance" },   { "Kr", "reflectance" },       { "Ks", NULL },
-    { "Kt", "transmittance" }, { "bumpmap", "displacement" }, { "index", "eta" },
-    { "mapname", "filename" }, { "nsamples", NULL },          { "opacity", NULL },
-    { "samples", NULL },       { "shadowalpha", NULL },       { "st", "uv" },
-    { "trilinear", "filter" }, { "xwidth", "xradius" },       { "ywidth", "yradius" },
-};
-
 /* What may be meant by a name that nobody asked for */
 static void hint(const struct pbrt_params *params, const struct pbrt_param *param, char *text,
                  size_t size)
 {
-    text[0] = '\0';
-    for (size_t i = 0; i < sizeof(old_names) / sizeof(old_names[0]); i++) {
-        const char *old = old_names[i].old, *now = old_names[i].now;
-        if (strlen(old) != param->name_length || memcmp(old, param->name, param->name_length) != 0)
-            continue;
-        snprintf(text, size, "; it is of pbrt-v3: in pbrt-v4 %s%s%s",
-                 now != NULL ? "it is \"" : "there is none", now != NULL ? now : "",
-                 now != NULL ? "\"" : "");
-        return;
-    }
+    char was[80];
     const char *nearest = pbrt_names_nearest_of(params->asked, params->asked_count, param->name,
                                                 param->name_length);
-    if (nearest != NULL)
+    text[0] = '\0';
+    if (was_renamed(param, was, sizeof(was)))
+        snprintf(text, size, "; it is %s", was);
+    else if (nearest != NULL)
         snprintf(text, size, "; the nearest is \"%s\"", nearest);
 }
 
@@ -482,7 +523,7 @@ bool pbrt_params_done(struct pbrt_params *params)
         const struct pbrt_param *param = &items(params)[i];
         if (param->used)
             continue;
-        char text[320], meant[128];
+        char text[400], meant[128];
         hint(params, param, meant, sizeof(meant));
         snprintf(text, sizeof(text), "unknown parameter \"%.*s\" of %s%s",
                  (int)(param->name_length < 64 ? param->name_length : 64), param->name,

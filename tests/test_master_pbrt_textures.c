@@ -138,6 +138,24 @@ static void an_imagemap_has_its_file_wrap_filter_and_encoding(void **state)
     }
 }
 
+static void without_filtering_a_picture_has_no_smaller_versions(void **state)
+{
+    (void)state;
+    static const char *const options[] = { "", "Option \"disabletexturefiltering\" true " };
+    for (int i = 0; i < 2; i++) {
+        char text[1000];
+        snprintf(text, sizeof(text),
+                 "%sWorldBegin Texture \"t\" \"spectrum\" \"imagemap\" \"string filename\" "
+                 "\"pictures/color.tga\" Material \"diffuse\" \"texture reflectance\" \"t\" "
+                 "Shape \"sphere\"",
+                 options[i]);
+        struct scene *scene = scene_of(text);
+        assert_int_equal(scene->picture_count, 1);
+        assert_int_equal(scene->pictures[0].levels, 2 - i);
+        scene_free(scene);
+    }
+}
+
 static void a_float_imagemap_is_one_channel(void **state)
 {
     (void)state;
@@ -682,6 +700,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(an_imagemap_has_its_file_wrap_filter_and_encoding),
+        cmocka_unit_test(without_filtering_a_picture_has_no_smaller_versions),
         cmocka_unit_test(a_float_imagemap_is_one_channel),
         cmocka_unit_test(textures_are_made_of_textures),
         cmocka_unit_test(patterns_have_their_colours_and_defaults),
