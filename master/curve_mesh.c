@@ -9,7 +9,7 @@
 #define PI          3.14159265358979323846
 #define TOLERANCE   1e-3 /* of the curve's size */
 #define PIECES_MOST 64   /* of a segment */
-#define SIDES_LEAST 6
+#define SIDES_LEAST 4
 #define SIDES_MOST  64
 #define TWIST       0.1 /* radians that a ribbon's normal turns along one piece */
 

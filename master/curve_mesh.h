@@ -8,7 +8,7 @@
  * are open at both ends.
  *
  * The middle line keeps within a thousandth of the curve's size (the diagonal of its control
- * points and width), and so does a tube of its circle; it has at least six sides. Pure, but for
+ * points and width), and so does a tube of its circle, so that hair has four sides. Pure, but for
  * memory.
  */
 #ifndef MASTER_CURVE_MESH_H
