@@ -12,7 +12,8 @@
 #define PI             3.14159265358979323846
 #define COUNT(a)       (sizeof(a) / sizeof((a)[0]))
 #define FREE_TRIANGLES (1u << 18) /* of a whole scene, */
-#define PER_BYTE       16         /* and for each byte of its text */
+#define PER_BYTE       8          /* and for each byte of its text */
+#define LIGHT_COSTS    2          /* of what another triangle does */
 #define PATCH_SHARE    2048       /* of a mesh's size: how far from a patch triangles may be */
 
 /* --- Into the scene ----------------------------------------------------------------------- */
@@ -22,12 +23,33 @@ static bool at(struct pbrt_reader *reader, const struct source_pos *pos)
     return err_wrap(reader->err, "%s:%d:%d", pos->path, pos->line, pos->column);
 }
 
-static void start(const struct pbrt_reader *reader, struct tessellation *shape)
+static uint64_t cost_of(const struct build_place *place)
 {
-    size_t most = FREE_TRIANGLES + PER_BYTE * pbrt_lexer_bytes(reader->lexer);
-    *shape = (struct tessellation){ .most = most > reader->curved_triangles
-                                                ? most - reader->curved_triangles
-                                                : 0 };
+    return place->emitter != SCENE_NONE ? LIGHT_COSTS : 1;
+}
+
+static uint64_t left(const struct pbrt_reader *reader)
+{
+    uint64_t most = FREE_TRIANGLES + PER_BYTE * (uint64_t)pbrt_lexer_bytes(reader->lexer);
+    return most > reader->curved_triangles ? most - reader->curved_triangles : 0;
+}
+
+static void start(const struct pbrt_reader *reader, const struct build_place *place,
+                  struct tessellation *shape)
+{
+    *shape = (struct tessellation){ .most = left(reader) / cost_of(place) };
+}
+
+bool pbrt_curved_instance(struct pbrt_reader *reader, uint64_t lights, const struct source_pos *pos)
+{
+    if (LIGHT_COSTS * lights > left(reader))
+        return pbrt_report_error(reader, pos,
+                                 "the lights of this object take %llu triangles: %llu are possible "
+                                 "here",
+                                 (unsigned long long)lights,
+                                 (unsigned long long)left(reader) / LIGHT_COSTS);
+    reader->curved_triangles += LIGHT_COSTS * lights;
+    return true;
 }
 
 /* Round doubles to float32; false when one is beyond it */
@@ -132,7 +154,9 @@ static bool add(struct pbrt_reader *reader, const struct tessellation *shape, bo
         memcpy(doubles, shape->positions.data, points * 3 * sizeof(double));
     if (!fits)
         return pbrt_report_error(reader, &place.pos, "a number of the shape is beyond float32");
-    reader->curved_triangles += shape->triangles.count;
+    reader->curved_triangles += cost_of(&place) * shape->triangles.count;
+    if (place.emitter != SCENE_NONE)
+        reader->objects.curved_lights += shape->triangles.count;
     return scene_build_add_mesh(reader->build, &place, &added, reader->err);
 }
 
@@ -153,7 +177,7 @@ bool pbrt_curved_cylinder(struct pbrt_reader *reader, const struct build_place *
     if (!pbrt_params_done(params))
         return false;
     struct tessellation shape;
-    start(reader, &shape);
+    start(reader, place, &shape);
     bool area = round.radius > 0 && round.phi_max > 0 && round.z_min < round.z_max;
     bool made = (!area || tessellate_cylinder(&shape, &round, reader->err) ||
                  at(reader, &place->pos)) &&
@@ -175,7 +199,7 @@ bool pbrt_curved_quadric(struct pbrt_reader *reader, const struct build_quadric 
     if (round.phi_max > 2 * PI - 1e-6)
         round.phi_max = 2 * PI; /* it was rounded to float32 */
     struct tessellation shape;
-    start(reader, &shape);
+    start(reader, &built->place, &shape);
     bool made = ((sphere ? tessellate_sphere : tessellate_disk)(&shape, &round, reader->err) ||
                  at(reader, &built->place.pos)) &&
                 add(reader, &shape, true, &built->place);
@@ -270,7 +294,7 @@ bool pbrt_curved_bilinear(struct pbrt_reader *reader, const struct build_place *
         flat = tessellate_patch_is_flat(&patch);
     }
     double tolerance = diagonal(mesh.p, mesh.points) / PATCH_SHARE;
-    start(reader, &shape);
+    start(reader, place, &shape);
     bool made = true;
     for (size_t i = 0; made && i < mesh.patches; i++) {
         struct tessellate_patch patch = patch_of(&mesh, i);
@@ -279,7 +303,7 @@ bool pbrt_curved_bilinear(struct pbrt_reader *reader, const struct build_place *
         if (made && (each || i + 1 == mesh.patches)) { /* pbrt's power is that of a patch */
             made = add(reader, &shape, true, place);
             tessellate_free(&shape);
-            start(reader, &shape);
+            start(reader, place, &shape);
         }
     }
     tessellate_free(&shape);
@@ -314,7 +338,7 @@ bool pbrt_curved_loop(struct pbrt_reader *reader, const struct build_place *plac
          !pbrt_names_choose(reader, "subdivision scheme", schemes, COUNT(schemes), scheme, &found)))
         return false;
     struct tessellation shape;
-    start(reader, &shape);
+    start(reader, place, &shape);
     bool made = (subdivide_loop(&shape, &mesh, (unsigned)levels, reader->err) ||
                  at(reader, &place->pos)) &&
                 add(reader, &shape, true, place);
@@ -391,7 +415,7 @@ bool pbrt_curved_curve(struct pbrt_reader *reader, const struct build_place *pla
     struct build_place here = *place;
     here.joins = true; /* hair: a mesh for each would be too many */
     struct tessellation shape;
-    start(reader, &shape);
+    start(reader, place, &shape);
     bool made = (curve_mesh_add(&shape, &curve, reader->err) || at(reader, &place->pos)) &&
                 add(reader, &shape, !narrow_is_enough(&curve), &here);
     tessellate_free(&shape);

@@ -1,6 +1,7 @@
 #include "master/pbrt_objects.h"
 
 #include "master/pbrt_args.h"
+#include "master/pbrt_curved.h"
 #include "master/pbrt_reader.h"
 
 #include <stdlib.h>
@@ -9,6 +10,7 @@
 struct pbrt_object {
     struct pbrt_token name;
     uint32_t group; /* of scene_build */
+    uint64_t curved_lights;
 };
 
 void pbrt_objects_free(struct pbrt_objects *objects)
@@ -77,6 +79,7 @@ bool pbrt_objects_begin(struct pbrt_reader *reader, const struct pbrt_token *dir
         return false;
     objects->open = true;
     objects->frame = reader->stack.frames.count;
+    objects->curved_lights = 0;
     scene_build_group_begin(reader->build);
     return true;
 }
@@ -92,6 +95,7 @@ bool pbrt_objects_end(struct pbrt_reader *reader, const struct pbrt_token *direc
     struct pbrt_object *object = (struct pbrt_object *)objects->named.data + objects->named.count -
                                  1;
     scene_build_group_end(reader->build, &object->group);
+    object->curved_lights = objects->curved_lights;
     objects->open = false;
     return pbrt_state_attribute_end(reader, directive);
 }
@@ -107,6 +111,8 @@ bool pbrt_objects_instance(struct pbrt_reader *reader, const struct pbrt_token *
     if (object == NULL)
         return unknown(reader, &name);
     const struct pbrt_state *state = &reader->state;
+    if (!pbrt_curved_instance(reader, object->curved_lights, &name.pos))
+        return false;
     return scene_build_add_moving(reader->build, object->group, &state->ctm,
                                   pbrt_state_moves(state) ? &state->ctm_end : NULL, &name.pos,
                                   reader->err);

@@ -14,13 +14,15 @@
 
 #include <stdbool.h>
 #include <stddef.h>
+#include <stdint.h>
 
 struct pbrt_reader;
 
 struct pbrt_objects {
-    struct growing named; /* struct pbrt_object */
-    bool open;            /* the last of them is being defined */
-    size_t frame;         /* then: how many blocks are open, its own included */
+    struct growing named;   /* struct pbrt_object */
+    bool open;              /* the last of them is being defined */
+    size_t frame;           /* then: how many blocks are open, its own included */
+    uint64_t curved_lights; /* ... and how many of pbrt_curved's triangles in it emit */
 };
 void pbrt_objects_free(struct pbrt_objects *objects);
 

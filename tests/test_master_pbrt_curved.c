@@ -304,6 +304,27 @@ static void small_files_cannot_ask_for_all_memory(void **state)
     free(text);
 }
 
+/* Every instance has lights of its own: 42 times 4096 triangles that count twice are too many */
+static void instances_of_lights_are_counted(void **state)
+{
+    (void)state;
+    static const char object[] = W "ObjectBegin \"o\" " LIGHT
+                                   "Shape \"sphere\" \"float zmin\" -.99 ObjectEnd\n";
+    static const char here[] = "ObjectInstance \"o\" Translate 3 0 0\n";
+    for (int count = 2; count <= 42; count += 40) {
+        char text[sizeof(object) + 42 * sizeof(here)];
+        struct err err = { .text = "" };
+        strcpy(text, object);
+        for (int i = 0; i < count; i++)
+            strcat(text, here);
+        struct scene *scene = pbrt_read_text(text, strlen(text), NULL, NULL, NULL, &err);
+        assert_int_equal(scene != NULL, count == 2);
+        if (scene == NULL)
+            assert_non_null(strstr(err.text, "the lights of this object take 3"));
+        scene_free(scene);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -316,6 +337,7 @@ int main(void)
         cmocka_unit_test(what_is_wrong_is_said),
         cmocka_unit_test(what_is_left_out_or_made_otherwise_is_noted),
         cmocka_unit_test(small_files_cannot_ask_for_all_memory),
+        cmocka_unit_test(instances_of_lights_are_counted),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
