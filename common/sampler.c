@@ -76,10 +76,10 @@ static double radical_inverse(uint64_t node, uint32_t base, uint32_t index)
     uint64_t digits = 0, scale = 1; /* below 2^32 * base */
     uint32_t tail = (uint32_t)(node >> 32);
     while (index > 0) {
-        uint64_t digit = index % base;
+        uint32_t digit = index % base;
         uint64_t shifted = (uint64_t)tail * base;
-        uint64_t factor = 1 + (((node & 0xffffffffu) * (base - 1)) >> 32);
-        digits = digits * base + (factor * digit + (shifted >> 32)) % base;
+        uint32_t factor = 1 + (uint32_t)(((node & 0xffffffffu) * (base - 1)) >> 32);
+        digits = digits * base + (factor * digit + (uint32_t)(shifted >> 32)) % base;
         scale *= base;
         node = hash64(node, digit);
         tail = digit == 0 ? (uint32_t)shifted : (uint32_t)(node >> 32);

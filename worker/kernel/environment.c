@@ -9,8 +9,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define PI      3.14159265358979323846
-#define CHANCES (1u << 24)
+#define PI          3.14159265358979323846
+#define CHANCE_BITS 24
+#define CHANCES     (1u << CHANCE_BITS)
+
+/* From one texel's `below` to the next */
+#define TEXEL_STRIDE (sizeof(struct environment_texel) / sizeof(uint32_t))
 
 /*
  * Chances before each of `count` bins into below[stride * i], the end included: in proportion to
@@ -38,12 +42,28 @@ static void share_chances(const double *weights, uint32_t count, uint32_t *below
     below[stride * count] = CHANCES;
 }
 
-static int32_t steps_of(uint32_t count)
+/* A guide to `count` bins, `arrays` of them; half as many entries as bins or more. NULL: no memory
+ */
+static int32_t *guide_new(struct environment_guide *guide, uint32_t count, uint32_t arrays)
 {
-    int32_t steps = 1;
-    while ((uint32_t)steps * 2 < count)
-        steps *= 2;
-    return steps;
+    guide->shift = CHANCE_BITS;
+    while (guide->shift > 0 && CHANCES >> guide->shift < (count + 1) / 2)
+        guide->shift--;
+    guide->size = (int32_t)(CHANCES >> guide->shift) + 1;
+    guide->first = malloc((size_t)guide->size * arrays * sizeof(*guide->first));
+    return guide->first;
+}
+
+static void guide_fill(const struct environment_guide *guide, uint32_t array, const uint32_t *below,
+                       size_t stride, uint32_t count)
+{
+    int32_t *first = guide->first + (size_t)array * (size_t)guide->size;
+    uint32_t bin = 0;
+    for (uint32_t i = 0; i < (uint32_t)guide->size; i++) {
+        while (bin + 1 < count && below[stride * (bin + 1)] <= i << guide->shift)
+            bin++;
+        first[i] = (int32_t)bin;
+    }
 }
 
 /* Radiance of row y, and its luminances; returns the sum of these */
@@ -79,7 +99,9 @@ bool environment_open(struct environment_table *table, const struct scene *scene
     table->row_density = malloc((size_t)height * sizeof(*table->row_density));
     table->row_bounds = malloc(((size_t)height + 1) * sizeof(*table->row_bounds));
     if (weights == NULL || table->texels == NULL || table->rows == NULL ||
-        table->row_density == NULL || table->row_bounds == NULL) {
+        table->row_density == NULL || table->row_bounds == NULL ||
+        guide_new(&table->row_guide, height, 1) == NULL ||
+        guide_new(&table->column_guide, width, height) == NULL) {
         free(weights);
         return err_set(err, ERR_MEMORY, "no memory for an environment of %ux%u", width, height);
     }
@@ -87,18 +109,18 @@ bool environment_open(struct environment_table *table, const struct scene *scene
     table->height = (int32_t)height;
     table->layout = (int32_t)environment->layout;
     table->light = environment->light;
-    table->column_steps = steps_of(width);
-    table->row_steps = steps_of(height);
     memcpy(table->to_light, environment->to_light, sizeof(table->to_light));
 
     double *row_weights = weights + width;
     for (uint32_t y = 0; y < height; y++) {
         double sum = read_row(table, scene, environment, y, weights);
         row_weights[y] = sum * direction_map_omega(environment->layout, width, height, y);
-        share_chances(weights, width, &table->texels[(size_t)y * (width + 1)].below,
-                      sizeof(*table->texels) / sizeof(uint32_t));
+        uint32_t *below = &table->texels[(size_t)y * (width + 1)].below;
+        share_chances(weights, width, below, TEXEL_STRIDE);
+        guide_fill(&table->column_guide, y, below, TEXEL_STRIDE, width);
     }
     share_chances(row_weights, height, table->rows, 1);
+    guide_fill(&table->row_guide, 0, table->rows, 1, height);
     for (uint32_t y = 0; y < height; y++) {
         double chance = (double)(table->rows[y + 1] - table->rows[y]) / CHANCES / CHANCES;
         double omega = direction_map_omega(environment->layout, width, height, y);
@@ -116,6 +138,8 @@ void environment_close(struct environment_table *table)
 {
     free(table->texels);
     free(table->rows);
+    free(table->row_guide.first);
+    free(table->column_guide.first);
     free(table->row_density);
     free(table->row_bounds);
 }

@@ -27,13 +27,22 @@ struct environment_texel {
     uint32_t below; /* of the row's 2^24 chances, those of the texels before */
 };
 
+/*
+ * Where to look for a chance among bins: chance c is in one of the bins first[c >> shift] to
+ * first[(c >> shift) + 1]. With about as many entries as bins, these are few.
+ */
+struct environment_guide {
+    int32_t *first;
+    int32_t shift, size; /* of an array: (2^24 >> shift) + 1 */
+};
+
 struct environment_table {
     int32_t width, height, layout;
-    int32_t column_steps, row_steps; /* largest power of two below width and height, or 1 */
-    uint32_t light;                  /* the scene's light that it belongs to */
+    uint32_t light; /* the scene's light that it belongs to */
     float to_light[9];
     struct environment_texel *texels;
-    uint32_t *rows;     /* height + 1: of 2^24 chances, those of the rows before */
+    uint32_t *rows; /* height + 1: of 2^24 chances, those of the rows before */
+    struct environment_guide row_guide, column_guide; /* the latter has an array per row */
     float *row_density; /* density per solid angle of a texel with one chance */
     float *row_bounds;  /* lat-long, height + 1: sin^2(theta / 2), the share of the sphere above */
 };
@@ -150,16 +159,18 @@ LANE_FN struct environment_sample8 environment_seen(const struct environment_tab
     return seen;
 }
 
-/* The bin that chance `at` belongs to, of `count` with bounds below[stride * (first + i)] */
-LANE_FN i8 environment_search(const uint32_t *below, int32_t stride, i8 first, int32_t count,
-                              int32_t steps, i8 at)
+/* The bin that chance `at` belongs to: the last with below[stride * (first + bin)] <= at. `array`
+ * is where in the guide that of these bins begins. */
+LANE_FN i8 environment_search(const uint32_t *below, int32_t stride, i8 first,
+                              const struct environment_guide *guide, i8 array, i8 at)
 {
-    i8 low = I8(0);
-    for (int32_t step = steps; step > 0; step >>= 1) {
-        i8 next = low + step;
-        i8 inside = next < count;
-        i8 bound = i8_gather(below, (first + i8_select(inside, next, I8(0))) * stride);
-        low = i8_select(inside & (at >= bound), next, low);
+    i8 entry = array + (at >> guide->shift);
+    i8 low = i8_gather(guide->first, entry), high = i8_gather(guide->first + 1, entry);
+    while (i8_any(low < high)) {
+        i8 middle = (low + high + 1) >> 1;
+        i8 reached = at >= i8_gather(below, (first + middle) * stride);
+        low = i8_select(reached, middle, low);
+        high = i8_select(reached, high, middle - 1);
     }
     return low;
 }
@@ -193,11 +204,12 @@ LANE_FN struct environment_sample8 environment_sample(const struct environment_t
 {
     /* A row, and a texel in it */
     i8 U = i8_from_f8(u * 0x1p24f), V = i8_from_f8(v * 0x1p24f);
-    i8 row = environment_search(env->rows, 1, I8(0), env->height, env->row_steps, V);
+    i8 row = environment_search(env->rows, 1, I8(0), &env->row_guide, I8(0), V);
     i8 row_below = i8_gather(env->rows, row), row_end = i8_gather(env->rows + 1, row);
     const uint32_t *below = &env->texels[0].below;
     i8 first = row * (env->width + 1);
-    i8 column = environment_search(below, 4, first, env->width, env->column_steps, U);
+    i8 column = environment_search(below, 4, first, &env->column_guide,
+                                   row * env->column_guide.size, U);
     i8 texel = first + column;
     i8 texel_below = i8_gather(below, texel * 4), texel_end = i8_gather(below + 4, texel * 4);
 

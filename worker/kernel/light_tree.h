@@ -151,16 +151,50 @@ LANE_FN struct vec3x8 vec3x8_of_lane(const struct vec3x8 *a, unsigned lane)
     return vec3x8_all(a->x[lane], a->y[lane], a->z[lane]);
 }
 
-/* For every lane of `lanes` a light, and the probability of that choice */
+/* One receiver's walk down the tree, or up from a light */
+struct light_walk {
+    struct vec3x8 p, n; /* the same in all lanes */
+    float u, probability;
+    int32_t at; /* the node, or ~light: going down; the place, or -1: going up */
+};
+
+LANE_FN void light_walk_down(const struct light_tree *tree, struct light_walk *walk)
+{
+    const struct light_node *node = &tree->nodes[walk->at];
+    f8 sums, weights = light_node_weights(node, walk->p, walk->n, &sums);
+    float all = sums[LANES - 1], target = walk->u * all;
+    unsigned some = i8_bits(weights > 0), beyond = some & i8_bits(sums > target);
+    unsigned slot = (unsigned)(beyond != 0 ? __builtin_ctz(beyond) : 31 - __builtin_clz(some));
+    float weight = weights[slot];
+    walk->probability *= weight / all;
+    /* What is left of u decides on the next level */
+    float u = (target - (sums[slot] - weight)) / weight;
+    walk->u = u < 0 ? 0 : u < 0x1.fffffep-1f ? u : 0x1.fffffep-1f;
+    walk->at = node->child[slot];
+}
+
+LANE_FN void light_walk_up(const struct light_tree *tree, struct light_walk *walk)
+{
+    const struct light_node *node = &tree->nodes[walk->at / LANES];
+    f8 sums, weights = light_node_weights(node, walk->p, walk->n, &sums);
+    walk->probability *= weights[walk->at % LANES] / sums[LANES - 1];
+    walk->at = node->parent;
+}
+
+/*
+ * For every lane of `lanes` a light, and the probability of that choice. All walk side by side, a
+ * step each in turn: one step waits for its node and its roots, the next does not wait for it.
+ */
 LIGHT_TREE_FN void light_tree_choose(const struct light_tree *tree, unsigned lanes,
                                      const struct vec3x8 *p8, const struct vec3x8 *n8, const f8 *u8,
                                      i8 *light, f8 *chosen)
 {
+    struct light_walk walks[LANES];
+    unsigned walking = 0;
     *light = I8(0);
     *chosen = F8(1);
     for (unsigned todo = lanes; todo != 0; todo &= todo - 1) {
         unsigned lane = (unsigned)__builtin_ctz(todo);
-        struct vec3x8 p = vec3x8_of_lane(p8, lane), n = vec3x8_of_lane(n8, lane);
         float u = (*u8)[lane] * (float)(tree->infinite_count + 1);
         uint32_t which = (uint32_t)u;
         if (which < tree->infinite_count) {
@@ -168,26 +202,22 @@ LIGHT_TREE_FN void light_tree_choose(const struct light_tree *tree, unsigned lan
             (*chosen)[lane] = tree->share;
             continue;
         }
-        u -= (float)tree->infinite_count;
-        float probability = tree->share;
-        int32_t at = 0;
-        do {
-            const struct light_node *node = &tree->nodes[at];
-            f8 sums, weights = light_node_weights(node, p, n, &sums);
-            float all = sums[LANES - 1], target = u * all;
-            unsigned some = i8_bits(weights > 0), beyond = some & i8_bits(sums > target);
-            unsigned slot = (unsigned)(beyond != 0 ? __builtin_ctz(beyond)
-                                                   : 31 - __builtin_clz(some));
-            float weight = weights[slot];
-            probability *= weight / all;
-            /* What is left of u decides on the next level */
-            u = (target - (sums[slot] - weight)) / weight;
-            u = u < 0 ? 0 : u < 0x1.fffffep-1f ? u : 0x1.fffffep-1f;
-            at = node->child[slot];
-        } while (at >= 0);
-        (*light)[lane] = ~at;
-        (*chosen)[lane] = probability;
+        walks[lane] = (struct light_walk){ .p = vec3x8_of_lane(p8, lane),
+                                           .n = vec3x8_of_lane(n8, lane),
+                                           .u = u - (float)tree->infinite_count,
+                                           .probability = tree->share };
+        walking |= 1u << lane;
     }
+    while (walking != 0)
+        for (unsigned todo = walking; todo != 0; todo &= todo - 1) {
+            unsigned lane = (unsigned)__builtin_ctz(todo);
+            light_walk_down(tree, &walks[lane]);
+            if (walks[lane].at >= 0)
+                continue;
+            (*light)[lane] = ~walks[lane].at;
+            (*chosen)[lane] = walks[lane].probability;
+            walking &= ~(1u << lane);
+        }
 }
 
 /* The probability with which light_tree_choose chooses `light`; in the lanes of `lanes` */
@@ -195,22 +225,30 @@ LIGHT_TREE_FN void light_tree_pick(const struct light_tree *tree, unsigned lanes
                                    const struct vec3x8 *p8, const struct vec3x8 *n8,
                                    const i8 *light, f8 *pick)
 {
+    struct light_walk walks[LANES];
+    unsigned walking = 0;
     *pick = F8(0);
     for (unsigned todo = lanes; todo != 0; todo &= todo - 1) {
         unsigned lane = (unsigned)__builtin_ctz(todo);
-        struct vec3x8 p = vec3x8_of_lane(p8, lane), n = vec3x8_of_lane(n8, lane);
         int32_t place = tree->place[(*light)[lane]];
         if (place == LIGHT_TREE_NEVER)
             continue;
-        float probability = tree->share;
-        while (place >= 0) {
-            const struct light_node *node = &tree->nodes[place / LANES];
-            f8 sums, weights = light_node_weights(node, p, n, &sums);
-            probability *= weights[place % LANES] / sums[LANES - 1];
-            place = node->parent;
-        }
-        (*pick)[lane] = probability;
+        (*pick)[lane] = tree->share;
+        walks[lane] = (struct light_walk){ .p = vec3x8_of_lane(p8, lane),
+                                           .n = vec3x8_of_lane(n8, lane),
+                                           .probability = tree->share,
+                                           .at = place };
+        walking |= (unsigned)(place >= 0) << lane;
     }
+    while (walking != 0)
+        for (unsigned todo = walking; todo != 0; todo &= todo - 1) {
+            unsigned lane = (unsigned)__builtin_ctz(todo);
+            light_walk_up(tree, &walks[lane]);
+            if (walks[lane].at >= 0)
+                continue;
+            (*pick)[lane] = walks[lane].probability;
+            walking &= ~(1u << lane);
+        }
 }
 
 #endif
