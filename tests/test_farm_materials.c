@@ -176,7 +176,7 @@ static void every_material_passes_every_check(void **state) /* H25, H27, H28, H3
             const struct material *material = &scene->materials[k];
             if (material->kind == MATERIAL_MIX)
                 continue;
-            for (int place = 0; place < (is_textured(material) ? 3 : 1); place++) {
+            for (int place = 0; place < (is_textured(material) ? 2 : 1); place++) {
                 struct material here = *material;
                 struct texture_point point = random_point(&r);
                 textured_material(set, &point, &here);
@@ -243,7 +243,7 @@ static void in_a_uniform_sky_a_surface_shows_its_albedo(void **state)
         scenes_quad(scene, wall, top_material(from), 0);
         scenes_sky(scene, 1);
         scenes_finish(scene);
-        struct picture *p = picture_take(scene, (struct picture_how){ .samples = 256 });
+        struct picture *p = picture_take(scene, (struct picture_how){ .samples = 128 });
         double noise = 4.5 * sqrt(p->variance / p->pixels);
         assert_int_equal(p->failed, 0);
         if (!(p->mean <= 1 + noise) || !(p->mean > 0.02))
@@ -296,10 +296,7 @@ static void leaning_normals_let_no_light_through(void **state) /* H15 */
         for (int open = 0; open < 2 && !transmits(from); open++) {
             struct scene *scene = adopt(from, 32);
             scenes_box(scene, low, high, top_material(from), 0);
-            if (open) { /* planted: a crack of a hundredth */
-                for (uint32_t v = 0; v < 4; v++)
-                    scene->positions[3 * v] += 0.01f;
-            }
+            scene->mesh_count -= (uint32_t)open; /* planted: a wall is missing */
             scenes_sky(scene, 1);
             scenes_light(scene, (struct light){ .kind = LIGHT_DISTANT,
                                                 .radiance = { 2, 2, 2 },
@@ -308,8 +305,9 @@ static void leaning_normals_let_no_light_through(void **state) /* H15 */
             scenes_finish(scene);
             struct picture *p = picture_take(scene, (struct picture_how){ .samples = 16 });
             assert_int_equal(p->failed, 0);
-            if (!open && !(p->largest <= 0))
-                fail_msg("%s: %g in a closed box", rows[i].name, p->largest);
+            if ((p->largest > 0) != open)
+                fail_msg("%s: %g in %s box", rows[i].name, p->largest,
+                         open ? "an open" : "a closed");
             picture_free(p);
             scene_free(scene);
         }
@@ -322,7 +320,7 @@ static void normals_at_right_angles_to_the_view_give_black(void **state) /* H15 
 {
     (void)state;
     static const float wall[4][3] = { { -9, -9, 3 }, { -9, 9, 3 }, { 9, 9, 3 }, { 9, -9, 3 } };
-    static const float across[3] = { 1, 0, 0 }, seen[3] = { 0.8f, 0, -0.6f };
+    static const float across[3] = { 1, 0, 0 }, seen[3] = { 0.6f, 0, -0.8f };
     for (size_t i = 0; i < ROWS; i++) {
         struct scene *from = read_row(i);
         for (int planted = 0; planted < 2; planted++) {
