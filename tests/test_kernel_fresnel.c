@@ -177,8 +177,8 @@ static void frames_are_orthonormal_down_to_minus_z(void **state) /* H16 */
 {
     (void)state;
     struct random_lanes r = { 16, 0 };
-    double crowded = 0, anywhere = 0, planted = 0;
-    for (int i = 0; i < 500000; i++) {
+    double worst = 0, planted = 0;
+    for (int i = 0; i < 250000; i++) {
         struct vec3x8 n;
         double scale = i % 2 ? pow(10, -8 * random_double(&r)) : 1;
         if (i % 2 == 0)
@@ -191,16 +191,11 @@ static void frames_are_orthonormal_down_to_minus_z(void **state) /* H16 */
         }
         struct frame8 f = frame_around(n), wrong = frisvad(n);
         for (int lane = 0; lane < LANES; lane++) {
-            double error = frame_error(f, lane);
-            if (i % 2 && scale < 0.1)
-                crowded = fmax(crowded, error);
-            else
-                anywhere = fmax(anywhere, error);
+            worst = fmax(worst, frame_error(f, lane));
             planted = fmax(planted, frame_error(wrong, lane));
         }
     }
-    EXPECT_NEAR(crowded, 0, 2e-7);
-    EXPECT_NEAR(anywhere, 0, 2e-7);
+    EXPECT_NEAR(worst, 0, 2e-7);
     assert_true(planted > 0.1);
     const float poles[] = { 1, -1 };
     for (int i = 0; i < 2; i++)
