@@ -50,35 +50,51 @@ static void a_closed_lens_is_a_pinhole_to_the_bit(void **state) /* H19 */
     }
 }
 
-static void rays_of_a_film_point_meet_in_the_plane_of_focus(void **state) /* H19 */
+/* How far rays of one film point are from its central ray in the plane `z` before the camera, at
+ * most */
+static double widest_at(const struct scene *open, const struct scene *closed, double z)
 {
-    (void)state;
-    const float A = 0.05f, focus = 4; /* radius; the aperture is .1 wide */
-    struct scene open = scene_of(A, focus), closed = scene_of(0, focus);
     struct random_lanes r = { 20, 0 };
     double widest = 0;
     for (int i = 0; i < 4000; i++) {
         f8 x = random_f8(&r) * 64, y = random_f8(&r) * 48;
-        struct ray8 a = random_ray(&open, &r, x, y), b = random_ray(&closed, &r, x, y);
+        struct ray8 a = random_ray(open, &r, x, y), b = random_ray(closed, &r, x, y);
         for (int lane = 0; lane < LANES; lane++) {
-            double distances[2] = { 4, 2 };
-            for (int k = 0; k < 2; k++) {
-                double ta = (distances[k] - ((double)a.o.z[lane] - 3)) / (double)a.d.z[lane];
-                double tb = distances[k] / (double)b.d.z[lane];
-                double gap = hypot((double)a.o.x[lane] + ta * (double)a.d.x[lane] -
-                                       ((double)b.o.x[lane] + tb * (double)b.d.x[lane]),
-                                   (double)a.o.y[lane] + ta * (double)a.d.y[lane] -
-                                       ((double)b.o.y[lane] + tb * (double)b.d.y[lane]));
-                if (k == 0)
-                    EXPECT_NEAR(gap, 0, 4e-6);
-                else
-                    widest = fmax(widest, gap);
-            }
+            double ta = (z - ((double)a.o.z[lane] - 3)) / (double)a.d.z[lane];
+            double tb = z / (double)b.d.z[lane];
+            double gap = hypot((double)a.o.x[lane] + ta * (double)a.d.x[lane] -
+                                   ((double)b.o.x[lane] + tb * (double)b.d.x[lane]),
+                               (double)a.o.y[lane] + ta * (double)a.d.y[lane] -
+                                   ((double)b.o.y[lane] + tb * (double)b.d.y[lane]));
+            widest = fmax(widest, gap);
         }
     }
-    /* The circle of confusion of something at 2, on its own plane: A |d - f| / f in radius */
-    EXPECT_NEAR(widest, (double)A * 0.5, 1e-4);
-    assert_true(widest < (double)A * 0.5 + 1e-6);
+    return widest;
+}
+
+/*
+ * H19: a point at distance d blurs to a disk of diameter A |d - f| / d in the plane of focus. The
+ * rays of a film point spread by A |d - f| / f at d, which is that disk seen from the lens.
+ */
+static void a_lens_blurs_by_the_distance_to_the_plane_of_focus(void **state) /* H19 */
+{
+    (void)state;
+    static const struct {
+        double A, f, d, blur;
+    } rows[] = {
+        { 0.1, 2, 4, 0.05 },  { 0.1, 2, 2, 0 },  { 0.1, 4, 2, 0.1 },
+        { 0.5, 1, 10, 0.45 }, { 0.02, 7, 7, 0 }, { 0.02, 30, 1, 0.58 },
+    };
+    for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
+        float radius = (float)(rows[i].A / 2), f = (float)rows[i].f;
+        struct scene open = scene_of(radius, f), closed = scene_of(0, f);
+        double blur = 2 * widest_at(&open, &closed, rows[i].d) * rows[i].f / rows[i].d;
+        /* The widest of 32000 is not quite the rim, and coordinates are rounded */
+        EXPECT_NEAR(blur, rows[i].blur, 1e-3 * rows[i].blur + 1e-5);
+        struct scene planted = scene_of(radius, f * 1.05f); /* focused a little farther */
+        blur = 2 * widest_at(&planted, &closed, rows[i].d) * rows[i].f / rows[i].d;
+        assert_true(fabs(blur - rows[i].blur) > 1e-3 * rows[i].blur + 1e-5);
+    }
 }
 
 static void a_lens_focused_at_infinity_sends_parallel_rays(void **state) /* H19 */
@@ -289,8 +305,10 @@ static void a_constant_image_stays_constant_under_every_filter(void **state)
     for (size_t i = 0; i < FILTERS; i++) {
         struct scene *scene = scenes_begin(20, 20);
         scene->settings.filter = filters[i];
-        scene->settings.camera.lens_radius = 0.1f; /* nor does a lens change it: H19 */
-        scene->settings.camera.focal_distance = 2;
+        static const float lenses[] = { 0.1f, 0, 1e-3f, 5, 100, 0.1f, 0.1f };
+        static const float focus[] = { 2, 2, 1e-3f, 2, 1e6f, INFINITY, 1e-6f };
+        scene->settings.camera.lens_radius = lenses[i]; /* nor does a lens change it: H19 */
+        scene->settings.camera.focal_distance = focus[i];
         scenes_sky(scene, 0.7f);
         scenes_finish(scene);
         struct picture *p = picture_take(scene, (struct picture_how){ .samples = 4 });
@@ -320,7 +338,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_closed_lens_is_a_pinhole_to_the_bit),
-        cmocka_unit_test(rays_of_a_film_point_meet_in_the_plane_of_focus),
+        cmocka_unit_test(a_lens_blurs_by_the_distance_to_the_plane_of_focus),
         cmocka_unit_test(a_lens_focused_at_infinity_sends_parallel_rays),
         cmocka_unit_test(the_film_is_where_the_header_says),
         cmocka_unit_test(points_on_the_lens_are_uniform),

@@ -328,18 +328,29 @@ static double h40(uint32_t x, uint32_t y, const double w[3])
 static void a_tiny_sun_leaves_every_other_texel_its_chance(void **state) /* H40 */
 {
     (void)state;
-    struct sky sky = sky_open(ENVIRONMENT_LAT_LONG, 2048, 1024, straight, h40);
+    enum { WIDTH = 4096, HEIGHT = 2048 };
+    struct sky sky = sky_open(ENVIRONMENT_LAT_LONG, WIDTH, HEIGHT, straight, h40);
     const struct environment_table *t = sky.table;
-    EXPECT_NEAR(texel_masses(t, NULL), 1, 1e-6);
+    EXPECT_NEAR(texel_masses(t, NULL), 1, 1e-6); /* of the float densities; the chances: */
+    assert_int_equal(t->rows[HEIGHT], 1 << 24);
+    float running = 0; /* planted: a running sum in float */
+    unsigned lost = 0;
+    for (uint32_t i = 0; i < WIDTH * HEIGHT; i++) {
+        float next = running + (float)h40(i % WIDTH, i / WIDTH, NULL);
+        lost += next <= running;
+        running = next;
+    }
+    assert_true(lost > 7000000);
     for (int32_t y = 0; y < t->height; y++) {
         assert_true(t->row_density[y] > 0);
+        assert_int_equal(t->texels[y * (t->width + 1) + t->width].below, 1 << 24);
         for (int32_t x = 0; x < t->width; x++)
             assert_true(t->texels[y * (t->width + 1) + x + 1].below >
                         t->texels[y * (t->width + 1) + x].below);
     }
     /* The integral of the radiance, by samples */
     double want = 4 * M_PI * 1e-2 +
-                  1e6 * direction_map_omega(ENVIRONMENT_LAT_LONG, 2048, 1024, 300);
+                  1e6 * direction_map_omega(ENVIRONMENT_LAT_LONG, WIDTH, HEIGHT, 300);
     struct random_lanes r = { 40, 0 };
     struct tally all = { 0 };
     for (int i = 0; i < 50000; i++) {
@@ -626,6 +637,56 @@ static void a_point_light_shows_its_picture(void **state)
     scene_free(scene);
 }
 
+/* A goniometric light sends into every direction what the picture has there, over the square of the
+ * distance, wherever it stands and however it is turned */
+static void a_goniometric_light_shines_as_its_picture_says(void **state)
+{
+    (void)state;
+    for (uint32_t layout = ENVIRONMENT_SQUARE; layout <= ENVIRONMENT_LAT_LONG; layout++)
+        for (int planted = 0; planted < 2; planted++) {
+            const uint32_t width = layout ? 32 : 16, height = 16;
+            struct scene *scene = scenes_begin(1, 1);
+            scenes_diffuse(scene, 0);
+            uint32_t light = add_environment(scene, LIGHT_POINT, layout, width, height, turned,
+                                             noise);
+            const float at[3] = { 3, -2, 1 };
+            memcpy(scene->lights[light].position, at, sizeof(at));
+            scenes_finish(scene);
+            struct kernel_scene *ks = scenes_open(scene, (struct picture_how){ 0 });
+            struct random_lanes r = { 66, 0 };
+            unsigned wrong = 0;
+            for (int i = 0; i < 20000; i++) {
+                uint32_t x = (uint32_t)(width * random_double(&r)),
+                         y = (uint32_t)(height * random_double(&r));
+                double w[3], d = pow(10, 4 * random_double(&r) - 2), p[3];
+                direction_map_direction(layout, (x + 0.1 + 0.8 * random_double(&r)) / width,
+                                        (y + 0.1 + 0.8 * random_double(&r)) / height, w);
+                for (int k = 0; k < 3; k++) /* out of the picture's space, or planted: into it */
+                    p[k] = planted
+                               ? w[0] * (double)turned[3 * k] + w[1] * (double)turned[3 * k + 1] +
+                                     w[2] * (double)turned[3 * k + 2]
+                               : w[0] * (double)turned[k] + w[1] * (double)turned[3 + k] +
+                                     w[2] * (double)turned[6 + k];
+                struct vec3x8 from = vec3x8_all((float)(p[0] * d) + at[0],
+                                                (float)(p[1] * d) + at[1],
+                                                (float)(p[2] * d) + at[2]);
+                struct light_sample8 s = light_sample(ks, FX_ALL, I8(-1), from, vec3x8_all(0, 0, 0),
+                                                      F8(0), F8(0), F8(0));
+                double want = noise(x, y, w) / (d * d);
+                double turn = (double)s.wi.x[0] * p[0] + (double)s.wi.y[0] * p[1] +
+                              (double)s.wi.z[0] * p[2];
+                bool right = s.valid[0] && s.delta[0] && s.pdf[0] == 1 &&
+                             fabs((double)s.radiance.x[0] - want) < 2e-4 * want &&
+                             fabs(turn + 1) < 1e-5 && fabs((double)s.distance[0] - d) < 2e-4 * d;
+                wrong += !right;
+            }
+            if (planted ? wrong < 10000 : wrong > 0)
+                fail_msg("layout %u: %u of 20000 are wrong", layout, wrong);
+            kernel_close(ks);
+            scene_free(scene);
+        }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -639,6 +700,7 @@ int main(void)
         cmocka_unit_test(all_techniques_find_the_same_light),
         cmocka_unit_test(a_constant_picture_is_the_constant_sky),
         cmocka_unit_test(a_point_light_shows_its_picture),
+        cmocka_unit_test(a_goniometric_light_shines_as_its_picture_says),
     };
     profile_thread_mode();
     return cmocka_run_group_tests(tests, NULL, NULL);

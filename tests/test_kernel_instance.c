@@ -505,6 +505,36 @@ static void a_pose_is_its_keys_at_both_ends_and_a_turn_between(void **state) /* 
     scene_free(scene);
 }
 
+/* Keys that a sum loses: (1 - s) a + s b is exactly b at the end, a + s (b - a) is not */
+static void the_ends_of_a_motion_are_its_keys_to_the_bit(void **state) /* H18 */
+{
+    (void)state;
+    struct scene *scene = scenes_begin(1, 1);
+    struct motion *m = &scene->motions[scene->motion_count++];
+    *m = (struct motion){ .translation = { { 1, 1e8f, -3 }, { 1e-9f, 0.1f, 1e7f } },
+                          .rotation = { { 0, 0, 0, 1 }, { 0, 0, 0, 1 } },
+                          .stretch = { { 1, 0, 0, 0, 1e6f, 0, 0, 0, 3 },
+                                       { 1e-9f, 0, 0, 0, 0.7f, 0, 0, 0, 1 } } };
+    bool planted = false;
+    for (int end = 0; end < 2; end++) {
+        struct pose8 pose = motion_pose(scene, false, I8(0), F8((float)end));
+        const struct rows8 *r = &pose.to_world;
+        const float moved[3] = { r->add.x[0], r->add.y[0], r->add.z[0] };
+        const float stretched[3] = { r->x.x[0], r->y.y[0], r->z.z[0] };
+        for (int k = 0; k < 3; k++) {
+            const float *t[2] = { &m->translation[0][k], &m->translation[1][k] };
+            assert_true(moved[k] == *t[end]);
+            assert_true(stretched[k] == m->stretch[end][4 * k]);
+            planted |= *t[0] + (float)end * (*t[1] - *t[0]) != *t[end];
+        }
+    }
+    assert_true(planted);
+    /* The last number below 1 is within its share of the end */
+    struct pose8 pose = motion_pose(scene, false, I8(0), F8(0x1.fffffep-1f));
+    EXPECT_NEAR(pose.to_world.add.z[0], 1e7, 2);
+    scene_free(scene);
+}
+
 /* The box that Embree was given holds the shape at every moment: rays find what is there */
 static void rays_of_any_time_find_what_turns(void **state)
 {
@@ -617,6 +647,7 @@ int main(void)
         cmocka_unit_test(lanes_and_motion_elsewhere_change_no_bit),
         cmocka_unit_test(a_gliding_sheet_covers_each_column_for_its_time),
         cmocka_unit_test(a_pose_is_its_keys_at_both_ends_and_a_turn_between),
+        cmocka_unit_test(the_ends_of_a_motion_are_its_keys_to_the_bit),
         cmocka_unit_test(rays_of_any_time_find_what_turns),
         cmocka_unit_test(instances_that_make_no_sense_are_refused),
     };

@@ -327,12 +327,29 @@ static double wall_factor(double w, double d)
     return (atan(w / d) - atan(w / d / slant) / slant) / M_PI;
 }
 
+/* The second moment of the same by points uniform in area: the mean of (cos cos' A / (pi d^2))^2 */
+static double by_area_second_moment(double w, double x)
+{
+    struct random_lanes r = { 37, 0 };
+    double sum = 0;
+    const int n = 400000;
+    for (int i = 0; i < n; i++) {
+        double y = w * (2 * random_double(&r) - 1), z = random_double(&r);
+        double d2 = x * x + y * y + z * z, f = z * x * 2 * w / (M_PI * d2 * d2);
+        sum += f * f / n;
+    }
+    return sum;
+}
+
 static void a_wall_lights_the_floor_it_touches(void **state) /* H37 */
 {
     (void)state;
-    const double distances[] = { 1, 0.1, 1e-2, 1e-3, 1e-4 }, widths[] = { 1, 30, 1000 };
+    const double distances[] = { 1, 0.1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6 }, widths[] = { 1, 30, 1000 };
+    EXPECT_NEAR(wall_factor(1e9, 1), 0.146446609407, 1e-9);
     EXPECT_NEAR(wall_factor(1e9, 0.1), 0.450248140490, 1e-9);
-    for (int i = 0; i < 15; i++) {
+    EXPECT_NEAR(wall_factor(1e9, 1e-3), 0.49950000025, 1e-9);
+    EXPECT_NEAR(wall_factor(1e9, 1e-6), 0.4999995, 1e-9);
+    for (int i = 0; i < 21; i++) {
         const float x = (float)distances[i / 3], w = (float)widths[i % 3];
         if (w / x > 2e6f) /* corners opposite to the last bit: 1.6 % low, and known */
             continue;
@@ -345,6 +362,9 @@ static void a_wall_lights_the_floor_it_touches(void **state) /* H37 */
         EXPECT_NEAR(tally_mean(&t), want, 4.5 * sqrt(tally_variance(&t) / t.n));
         /* Sampled by solid angle, which is at most 2 pi: no sample counts more than 2 */
         assert_true(tally_variance(&t) < 1);
+        /* Planted: points uniform on the wall, whose few that are close count for all */
+        if (i == 6)
+            assert_true(by_area_second_moment((double)w, (double)x) > 50);
         lights_close(&l);
     }
 }
@@ -797,6 +817,75 @@ static void delta_lights_fall_off_as_they_should(void **state)
     lights_close(&l);
 }
 
+/* Of a delta light the direction is no density's: it is the light's, and so is the distance */
+static void delta_lights_shine_from_where_they_are(void **state)
+{
+    (void)state;
+    struct lights l = lights_begin();
+    const double at[3] = { 1, -2, 3 }, down[3] = { 0, 0.6, -0.8 };
+    struct light spot = { .kind = LIGHT_SPOT,
+                          .radiance = { 5, 5, 5 },
+                          .cos_falloff_start = 0.8f,
+                          .cos_falloff_end = 0.2f };
+    for (int k = 0; k < 3; k++) {
+        spot.position[k] = (float)at[k];
+        spot.direction[k] = (float)down[k];
+    }
+    scenes_light(l.scene, spot);
+    spot.kind = LIGHT_POINT;
+    scenes_light(l.scene, spot);
+    spot.kind = LIGHT_DISTANT;
+    scenes_light(l.scene, spot);
+    lights_open(&l);
+    struct random_lanes r = { 12, 0 };
+    double worst[2] = { 0, 0 }, planted = 0;
+    int dark = 0;
+    for (int i = 0; i < 30000; i++) {
+        struct vec3x8 p = vec3x8_scale(random_direction(&r),
+                                       F8((float)pow(10, 3 * random_double(&r) - 1)));
+        const f8 u[3] = { F8((float)(i % 3 + 0.5) / 3), random_f8(&r), random_f8(&r) };
+        struct light_sample8 s = take(l.ks, &p, u);
+        for (int lane = 0; lane < LANES; lane++) {
+            const double x[3] = { (double)p.x[lane], (double)p.y[lane], (double)p.z[lane] };
+            const double wi[3] = { (double)s.wi.x[lane], (double)s.wi.y[lane],
+                                   (double)s.wi.z[lane] };
+            double d2 = 0, cosine = 0, off = 0, want = 5;
+            for (int k = 0; k < 3; k++)
+                d2 += (at[k] - x[k]) * (at[k] - x[k]);
+            for (int k = 0; k < 3; k++) {
+                double w = i % 3 == 2 ? -down[k] : (at[k] - x[k]) / sqrt(d2);
+                cosine -= w * down[k];
+                off = fmax(off, fabs(wi[k] - w));
+            }
+            if (i % 3 < 2)
+                want /= d2;
+            if (i % 3 == 0) {
+                double t = fmin(fmax((cosine - 0.2) / 0.6, 0), 1);
+                want *= t * t * (3 - 2 * t);
+            }
+            if (!s.valid[lane]) { /* outside of the cone, or within a rounding of its rim */
+                assert_true(i % 3 == 0 && cosine < 0.2001);
+                dark++;
+                continue;
+            }
+            assert_true(s.delta[lane]);
+            EXPECT_NEAR(s.pdf[lane], 1 / 3.0, 1e-7);
+            if (i % 3 < 2)
+                EXPECT_NEAR(s.distance[lane] / sqrt(d2), 1, 1e-5);
+            double got = (double)s.radiance.x[lane];
+            worst[0] = fmax(worst[0], off);
+            if (cosine > 0.21)
+                worst[1] = fmax(worst[1], fabs(got / want - 1));
+            if (i % 3 == 0 && cosine > 0.25 && cosine < 0.75) /* a falloff that is linear */
+                planted = fmax(planted, fabs(5 / d2 * (cosine - 0.2) / 0.6 / want - 1));
+        }
+    }
+    EXPECT_NEAR(worst[0], 0, 2e-6);
+    EXPECT_NEAR(worst[1], 0, 2e-3);
+    assert_true(planted > 0.1 && dark > 10000);
+    lights_close(&l);
+}
+
 static void lights_are_chosen_as_often_as_they_say(void **state) /* H42, H46 */
 {
     (void)state;
@@ -888,6 +977,7 @@ int main(void)
         cmocka_unit_test(tiny_solid_angles_keep_their_digits),
         cmocka_unit_test(light_from_behind_or_edge_on_gives_nothing),
         cmocka_unit_test(delta_lights_fall_off_as_they_should),
+        cmocka_unit_test(delta_lights_shine_from_where_they_are),
         cmocka_unit_test(lights_are_chosen_as_often_as_they_say),
         cmocka_unit_test(a_light_said_to_have_no_power_is_chosen_still),
         cmocka_unit_test(two_techniques_share_one_weight),

@@ -286,6 +286,66 @@ static void pictures_wrap_as_endless_rows_do(void **state) /* H17 */
         }
 }
 
+/* Coordinates and points that are huge or none: every kind of texture has a value there, made of
+ * what it is made of at sound ones */
+static void wild_coordinates_find_sound_values(void **state) /* H17 */
+{
+    (void)state;
+    static const float wild[] = { 1,
+                                  0x1.fffffep-1f,
+                                  -0.0f,
+                                  -1e-30f,
+                                  1e8f,
+                                  -1e8f,
+                                  16777216,
+                                  3e38f,
+                                  -3e38f,
+                                  __builtin_inff(),
+                                  -__builtin_inff(),
+                                  __builtin_nanf("") };
+    enum { WILD = sizeof(wild) / sizeof(wild[0]) };
+    static const uint32_t kinds[] = { TEXTURE_IMAGE, TEXTURE_CHECKERBOARD, TEXTURE_DOTS,
+                                      TEXTURE_MARBLE };
+    for (size_t k = 0; k < sizeof(kinds) / sizeof(kinds[0]); k++)
+        for (uint32_t mapping = MAPPING_UV; mapping <= MAPPING_POINT; mapping++) {
+            bool noise = kinds[k] == TEXTURE_MARBLE;
+            if ((mapping == MAPPING_POINT) != noise)
+                continue;
+            struct scene *scene = scenes_begin(1, 1);
+            struct texture texture = { .kind = kinds[k],
+                                       .map = IDENTITY_UV_MAP,
+                                       .value = { { 0.25f }, { 0.75f } } };
+            uint32_t index;
+            float *texels = (float *)(void *)picture_add(scene, 4, 4, 1, 3, TEXEL_FLOAT, &index);
+            for (int i = 0; i < 21; i++)
+                texels[i] = i % 2 ? 0.25f : 0.75f;
+            if (kinds[k] == TEXTURE_IMAGE)
+                texture = image(index, WRAP_REPEAT);
+            if (noise)
+                texture = of_point(kinds[k]);
+            const float point_map[12] = IDENTITY_POINT_MAP;
+            if (mapping != MAPPING_UV)
+                memcpy(texture.map, point_map, sizeof(point_map));
+            texture.mapping = mapping;
+            texture_add(scene, texture);
+            struct texture_set *set = set_of(scene);
+            for (int i = 0; i < WILD * WILD * 4; i++) {
+                struct texture_point point = at_uv(wild[i % WILD], wild[i / WILD % WILD]);
+                const float widths[] = { 0, 1e-3f, 1e8f, __builtin_inff() };
+                point.width = widths[i / WILD / WILD];
+                for (int axis = 0; axis < 3; axis++)
+                    point.p[axis] = wild[(i + 5 * axis) % WILD];
+                float got = red_at(set, 0, &point);
+                if (!(got >= (noise ? 0 : 0.249f) && got <= (noise ? 1 : 0.751f)))
+                    fail_msg("kind %u, mapping %u at (%g, %g), width %g: %g", kinds[k], mapping,
+                             (double)point.uv[0], (double)point.uv[1], (double)point.width,
+                             (double)got);
+            }
+            texture_set_close(set);
+            scene_free(scene);
+        }
+}
+
 static void pictures_stand_upright(void **state)
 {
     (void)state;
@@ -1231,6 +1291,7 @@ int main(void)
         cmocka_unit_test(deep_trees_cost_no_more_than_their_nodes_and_too_deep_ones_are_refused),
         cmocka_unit_test(bilerp_vertex_colours_and_directions_have_their_formulas),
         cmocka_unit_test(pictures_wrap_as_endless_rows_do),
+        cmocka_unit_test(wild_coordinates_find_sound_values),
         cmocka_unit_test(pictures_stand_upright),
         cmocka_unit_test(texels_are_decoded_exactly),
         cmocka_unit_test(grey_and_absent_alpha_are_what_they_mean),

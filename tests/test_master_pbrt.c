@@ -577,6 +577,39 @@ static void quadric_lights_know_their_size_in_the_world(void **state)
     scene_free(s);
 }
 
+/* H14: what a light says of its size is its size in the world, however it is stretched there */
+static void stretched_lights_have_the_area_of_the_world(void **state)
+{
+    (void)state;
+    static const struct {
+        const char *before;
+        double area; /* of the quad 1 x 2 */
+    } rows[] = {
+        { "", 2 },
+        { "Scale 3 1 1", 6 },
+        { "Scale 1 -5 .5", 10 },
+        { "Scale 1e-3 1 1e6", 2e-3 },
+        { "Rotate 30 1 2 3 Scale 2 3 4", 12 },
+        { "Transform [1 0 0 0 3 1 0 0 0 0 1 0 0 0 0 1]", 2 }, /* sheared along x */
+        { "Scale 1 1 2 Rotate 45 1 0 0", 3.16227766 },        /* longer by sqrt(5/2) */
+    };
+    for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
+        char text[1000];
+        snprintf(text, sizeof(text), "WorldBegin %s " LIGHT QUAD, rows[i].before);
+        struct scene *s = scene_of(text);
+        double area = 0, turned = 0, planted = 0;
+        for (uint32_t l = 0; l < s->light_count; l++) {
+            area += s->lights[l].area;
+            turned += turning_area(s, &s->lights[l]) / 2;
+            planted += 2; /* in the object's space */
+        }
+        EXPECT_NEAR(area / rows[i].area, 1, 1e-6);
+        EXPECT_NEAR(fabs(turned) / rows[i].area, 1, 1e-5);
+        assert_true(rows[i].area == 2 || fabs(planted / rows[i].area - 1) > 1e-2);
+        scene_free(s);
+    }
+}
+
 static void picks_follow_power(void **state)
 {
     (void)state;
@@ -645,6 +678,14 @@ static const struct bad_row {
     { W "Shape \"sphere\" \"float radius\" 1 \"float radius\" 2", "given twice", ERR_SCENE },
     { W "Shape \"sphere\" \"float radius\" 0", "no area", ERR_SCENE },
     { W "Shape \"disk\" \"float innerradius\" 2", "no area", ERR_SCENE },
+    /* H19: a lens must be focused somewhere */
+    { "Camera \"perspective\" \"float lensradius\" 1 \"float focaldistance\" 0 " W,
+      "focaldistance must be positive", ERR_SCENE },
+    { "Camera \"perspective\" \"float lensradius\" 1 \"float focaldistance\" -2 " W,
+      "focaldistance must be positive", ERR_SCENE },
+    { "Camera \"perspective\" \"float lensradius\" -1 " W, "lensradius and focaldistance must",
+      ERR_SCENE },
+    { "Camera \"perspective\" \"float focaldistance\" inf " W, "not a finite number", ERR_SCENE },
     { W LIGHT "Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 2 0 0]", "text:2:1", ERR_SCENE },
     { W LIGHT "Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 2 0 0]", "this light has no area",
       ERR_SCENE },
@@ -1251,6 +1292,7 @@ int main(void)
         cmocka_unit_test(no_polygon_has_more_than_eight_corners),
         cmocka_unit_test(light_numbers_are_pbrts),
         cmocka_unit_test(quadric_lights_know_their_size_in_the_world),
+        cmocka_unit_test(stretched_lights_have_the_area_of_the_world),
         cmocka_unit_test(picks_follow_power),
         cmocka_unit_test(degenerate_triangles_are_counted_and_never_lights),
         cmocka_unit_test(everything_wrong_is_said_with_its_position),

@@ -10,6 +10,7 @@
 #include <stdarg.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include <string.h>
 
 #include <cmocka.h>
@@ -188,6 +189,28 @@ static void cameras_and_objects_move_too(void **state)
     scene_free(scene);
 }
 
+/* What stands still in a scene that moves is as if nothing did: H18 */
+static void a_motion_between_equal_transforms_is_none(void **state)
+{
+    (void)state;
+    static const char *const still[] = {
+        "ActiveTransform EndTime ActiveTransform All ",
+        "ActiveTransform EndTime Translate 0 0 0 ActiveTransform All ",
+        "Translate 1 2 3 Rotate 30 1 2 3 ActiveTransform EndTime Scale 1 1 1 ActiveTransform All ",
+        "ActiveTransform StartTime Scale 2 2 2 ActiveTransform EndTime Scale 2 2 2 "
+        "ActiveTransform All ",
+    };
+    for (size_t i = 0; i < sizeof(still) / sizeof(still[0]); i++) {
+        char text[1000];
+        snprintf(text, sizeof(text), W "%s" BALL, still[i]);
+        struct scene *scene = scene_of(text);
+        assert_int_equal(scene->motion_count, 0);
+        assert_int_equal(scene->instance_count, 0);
+        assert_false(scene->settings.effects & FX_MOTION);
+        scene_free(scene);
+    }
+}
+
 static void bad_objects_and_motions_are_refused_with_a_reason(void **state)
 {
     (void)state;
@@ -235,6 +258,7 @@ int main(void)
         cmocka_unit_test(what_emits_stands_in_the_world_once_per_instance),
         cmocka_unit_test(motion_is_between_the_two_transforms),
         cmocka_unit_test(cameras_and_objects_move_too),
+        cmocka_unit_test(a_motion_between_equal_transforms_is_none),
         cmocka_unit_test(bad_objects_and_motions_are_refused_with_a_reason),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

@@ -635,8 +635,8 @@ LANE_FN struct bsdf_sample8 bsdf_sample(const struct bsdf8 *b, unsigned fx,
             struct vec3x8 weight = vec3x8_select(mirror, ks, b->reflectance);
             out.wi = vec3x8_select(mirror, (struct vec3x8){ -wo.x, -wo.y, wo.z }, out.wi);
             out.weight = vec3x8_select(lanes, vec3x8_scale(weight, 1 / chosen), out.weight);
-            out.pdf = f8_select(lanes, p * out.pdf, out.pdf);
-            out.pdf_rev = f8_select(lanes, p * out.pdf_rev, out.pdf_rev);
+            out.pdf = f8_select(lanes, f8_select(mirror, F8(0), p * out.pdf), out.pdf);
+            out.pdf_rev = f8_select(lanes, f8_select(mirror, F8(0), p * out.pdf_rev), out.pdf_rev);
             out.delta |= mirror;
             i8 black = f8_sum3(b->reflectance) + f8_sum3(ks) <= 0;
             out.valid |= lanes & ~black & (chosen > 0) & (mirror | (lift.z != 0));

@@ -39,7 +39,8 @@ LANE_FN i8 quadric_keeps(const struct quadric *q, struct vec3x8 point)
 /*
  * The nearest hit with tnear <= t <= tfar of rays o + t d: its t, and the lanes that hit. The
  * discriminant is taken from the ray's closest point to the centre, and the two roots from the
- * product form, so that neither cancels (Haines et al., Ray Tracing Gems, chapter 7).
+ * product form, so that neither cancels (Haines et al., Ray Tracing Gems, chapter 7). Their product
+ * c is taken from that point too: what rounds b then hardly moves c over the other root.
  */
 LANE_FN i8 quadric_intersect(const struct quadric *q, i8 valid, struct vec3x8 origin,
                              struct vec3x8 direction, f8 tnear, f8 tfar, f8 *t_hit)
@@ -66,8 +67,7 @@ LANE_FN i8 quadric_intersect(const struct quadric *q, i8 valid, struct vec3x8 or
     i8 meets = valid & (discriminant >= 0) & (a > 0);
     f8 root = f8_sqrt(f8_max(discriminant, F8(0)));
     f8 far_sum = b + f8_copysign(root, b);
-    f8 length = f8_sqrt(vec3x8_length2(o));
-    f8 c = (length - q->radius) * (length + q->radius);
+    f8 c = b * (b / a) - (q->radius - distance) * (q->radius + distance);
     f8 t_a = c / far_sum, t_b = far_sum / a;
     t_a = f8_select(far_sum != 0, t_a, F8(0));
     f8 t0 = f8_min(t_a, t_b), t1 = f8_max(t_a, t_b);
