@@ -1,11 +1,8 @@
 /* Goal: the materials of pbrt-v4 that are sheets, coats over metal, or not there are read with
  * pbrt's names and defaults. The others are test_master_pbrt's. */
 #include "common/effects.h"
-#include "common/err.h"
-#include "common/scene.h"
 #include "master/coat.h"
-#include "master/pbrt.h"
-#include "master/scene_notes.h"
+#include "tests/reader_text.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -17,44 +14,19 @@
 
 #include <cmocka.h>
 
-#define EXPECT_NEAR(got, want, tolerance)                                           \
-    do {                                                                            \
-        double got_ = (got), want_ = (want);                                        \
-        if (!(fabs(got_ - want_) <= (tolerance)))                                   \
-            fail_msg("line %d: %s is %.9g, not %.9g", __LINE__, #got, got_, want_); \
-    } while (0)
-
 /* A sphere of the material that `text` makes current */
 static struct scene *scene_with(const char *text, struct scene_notes *notes)
 {
     char whole[2000];
     snprintf(whole, sizeof(whole), "WorldBegin %s Shape \"sphere\"", text);
-    struct err err = { .text = "" };
-    struct scene *scene = pbrt_read_text(whole, strlen(whole), NULL, NULL, notes, &err);
-    if (scene == NULL)
-        fail_msg("%s\nin: %s", err.text, whole);
-    if (!scene_check(scene, &err))
-        fail_msg("%s\nin: %s", err.text, whole);
-    return scene;
-}
-
-/* Does exactly one note say so? */
-static bool noted(const struct scene_notes *notes, const char *what)
-{
-    int lines = 0;
-    for (size_t i = 0; i < notes->count; i++)
-        lines += strstr(notes->lines[i], what) != NULL;
-    return lines == 1;
+    return reader_text_scene(whole, NULL, notes);
 }
 
 static void expect_refused(const char *text, const char *why)
 {
     char whole[2000];
     snprintf(whole, sizeof(whole), "WorldBegin %s Shape \"sphere\"", text);
-    struct err err = { .text = "" };
-    struct scene *scene = pbrt_read_text(whole, strlen(whole), NULL, NULL, NULL, &err);
-    if (scene != NULL || strstr(err.text, why) == NULL)
-        fail_msg("%s: wanted \"%s\", got \"%s\"", text, why, err.text);
+    reader_text_refused(whole, NULL, ERR_OK, why);
 }
 
 static void panes_have_an_index(void **state)
@@ -96,7 +68,7 @@ static void sheets_reflect_and_transmit(void **state)
                    &notes);
     EXPECT_NEAR((double)s->materials[0].reflectance[0], 1, 0);
     EXPECT_NEAR((double)s->materials[0].specular[0], 0.5, 0);
-    assert_true(noted(&notes, "more than is received"));
+    assert_true(notes_saying(&notes, "more than is received") == 1);
     scene_notes_free(&notes);
     scene_free(s);
     expect_refused("Material \"diffusetransmission\" \"float scale\" -1", "a scale of -1");
@@ -187,7 +159,7 @@ static void interfaces_are_not_there_and_give_no_light(void **state)
         assert_int_equal(s->quadrics[0].material, SCENE_NONE);
         assert_int_equal(s->quadrics[0].light, SCENE_NONE);
         assert_int_equal(s->quadrics[1].material, 0);
-        assert_true(noted(&notes, "gives no light"));
+        assert_true(notes_saying(&notes, "gives no light") == 1);
         scene_notes_free(&notes);
         scene_free(s);
     }

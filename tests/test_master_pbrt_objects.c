@@ -1,9 +1,7 @@
 /* Goal: objects and motion of pbrt text become groups, instances and motions where pbrt would put
  * them; what one place or a light makes needless is not one; and what is wrong is said. */
 #include "common/effects.h"
-#include "common/err.h"
-#include "common/scene.h"
-#include "master/pbrt.h"
+#include "tests/reader_text.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -22,20 +20,9 @@
 #define OBJECT "ObjectBegin \"o\" " TRI BALL "ObjectEnd "
 #define HERE   "ObjectInstance \"o\" "
 
-#define EXPECT_NEAR(got, want, tolerance)                                           \
-    do {                                                                            \
-        double got_ = (double)(got), want_ = (want);                                \
-        if (!(fabs(got_ - want_) <= (tolerance)))                                   \
-            fail_msg("line %d: %s is %.9g, not %.9g", __LINE__, #got, got_, want_); \
-    } while (0)
-
 static struct scene *scene_of(const char *text)
 {
-    struct err err = { .text = "" };
-    struct scene *scene = pbrt_read_text(text, strlen(text), NULL, NULL, NULL, &err);
-    if (scene == NULL)
-        fail_msg("%s\nin: %s", err.text, text);
-    return scene;
+    return reader_text_scene(text, NULL, NULL);
 }
 
 /* Corner `i` of the only triangle of a mesh, in the file's world, through an instance or not */
@@ -217,13 +204,8 @@ static void bad_objects_and_motions_are_refused_with_a_reason(void **state)
         { W "ObjectBegin \"a\" ActiveTransform EndTime Translate 1 0 0 " BALL,
           "inside of an object", ERR_UNSUPPORTED },
     };
-    for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
-        struct err err = { .text = "" };
-        const char *text = rows[i].text;
-        struct scene *scene = pbrt_read_text(text, strlen(text), NULL, NULL, NULL, &err);
-        if (scene != NULL || err.code != rows[i].code || strstr(err.text, rows[i].says) == NULL)
-            fail_msg("%s\ngives: %s", text, err.text);
-    }
+    for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++)
+        reader_text_refused(rows[i].text, NULL, rows[i].code, rows[i].says);
 }
 
 int main(void)
