@@ -17,6 +17,7 @@
 #include "common/effects.h"
 #include "common/err.h"
 #include "common/scene.h"
+#include "worker/kernel/instance.h"
 #include "worker/kernel/kernel.h"
 #include "worker/profile.h"
 
@@ -191,6 +192,43 @@ static inline void scenes_finish(struct scene *scene)
     for (uint32_t i = 0; i < scene->mesh_count; i++)
         s->has_normals |= scene->meshes[i].flags & MESH_NORMALS;
     s->effects = scene_effects(scene);
+}
+
+/* ---- rays */
+
+/* The nearest hits of eight rays, as the path kernel resolves them */
+struct scenes_hit {
+    i8 hit, geometry, prim, instance; /* instance: -1 outside of them */
+    f8 t;
+};
+
+static inline struct scenes_hit scenes_intersect(const struct kernel_scene *ks, struct vec3x8 o,
+                                                 struct vec3x8 d, f8 time)
+{
+    _Alignas(32) int32_t valid[LANES];
+    struct RTCRayHit8 ray;
+    memset(&ray, 0, sizeof(ray));
+    i8_store(valid, I8(-1));
+    f8_store(ray.ray.org_x, o.x);
+    f8_store(ray.ray.org_y, o.y);
+    f8_store(ray.ray.org_z, o.z);
+    f8_store(ray.ray.dir_x, d.x);
+    f8_store(ray.ray.dir_y, d.y);
+    f8_store(ray.ray.dir_z, d.z);
+    f8_store(ray.ray.tfar, F8(__builtin_inff()));
+    f8_store(ray.ray.time, time);
+    i8_store(ray.ray.mask, I8(-1));
+    i8_store(ray.hit.geomID, I8(-1));
+    i8_store(ray.hit.instID[0], I8(-1));
+    rtc_intersect8(valid, ks->rtc, &ray);
+    struct scenes_hit found = { .geometry = i8_load(ray.hit.geomID),
+                                .prim = i8_load(ray.hit.primID),
+                                .instance = i8_load(ray.hit.instID[0]),
+                                .t = f8_load(ray.ray.tfar) };
+    found.hit = found.geometry != -1;
+    i8 inside = instance_resolve(ks, found.hit, found.instance, &found.geometry, &found.prim);
+    found.instance = i8_select(inside, found.instance, I8(-1));
+    return found;
 }
 
 /* ---- pictures */

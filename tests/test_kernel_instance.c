@@ -121,44 +121,10 @@ static struct scene *soup(const double m[3][4], float at)
 
 /* ---- rays */
 
-struct found {
-    i8 hit, geometry, prim, instance;
-    f8 t;
-};
-
-static struct found intersect(const struct kernel_scene *ks, struct vec3x8 o, struct vec3x8 d,
-                              f8 time)
-{
-    _Alignas(32) int32_t valid[LANES];
-    struct RTCRayHit8 ray;
-    memset(&ray, 0, sizeof(ray));
-    i8_store(valid, I8(-1));
-    f8_store(ray.ray.org_x, o.x);
-    f8_store(ray.ray.org_y, o.y);
-    f8_store(ray.ray.org_z, o.z);
-    f8_store(ray.ray.dir_x, d.x);
-    f8_store(ray.ray.dir_y, d.y);
-    f8_store(ray.ray.dir_z, d.z);
-    f8_store(ray.ray.tfar, F8(__builtin_inff()));
-    f8_store(ray.ray.time, time);
-    i8_store(ray.ray.mask, I8(-1));
-    i8_store(ray.hit.geomID, I8(-1));
-    i8_store(ray.hit.instID[0], I8(-1));
-    rtc_intersect8(valid, ks->rtc, &ray);
-    struct found found = { .geometry = i8_load(ray.hit.geomID),
-                           .prim = i8_load(ray.hit.primID),
-                           .instance = i8_load(ray.hit.instID[0]),
-                           .t = f8_load(ray.ray.tfar) };
-    found.hit = found.geometry != -1;
-    i8 inside = instance_resolve(ks, found.hit, found.instance, &found.geometry, &found.prim);
-    found.instance = i8_select(inside, found.instance, I8(-1));
-    return found;
-}
-
 /* As the path kernel does it; `object` is the surface before it came back to the world */
 static __attribute__((noinline)) struct surface8 surface(const struct kernel_scene *ks,
-                                                         const struct found *found, struct vec3x8 o,
-                                                         struct vec3x8 d, f8 time,
+                                                         const struct scenes_hit *found,
+                                                         struct vec3x8 o, struct vec3x8 d, f8 time,
                                                          struct surface8 *object)
 {
     i8 inside = found->instance != -1;
@@ -213,7 +179,7 @@ static void points_and_normals_are_those_of_a_flattened_copy(void **state) /* H1
             struct vec3x8 o, d;
             struct surface8 object;
             aim(&r, m, 0, &o, &d);
-            struct found found = intersect(ks, o, d, F8(0));
+            struct scenes_hit found = scenes_intersect(ks, o, d, F8(0));
             struct surface8 s = surface(ks, &found, o, d, F8(0), &object);
             for (int lane = 0; lane < LANES; lane++) {
                 if (!found.hit[lane])
@@ -287,17 +253,17 @@ static void rays_that_leave_an_instance_do_not_meet_it_again(void **state) /* H1
                 struct vec3x8 o, d, out = random_direction(&r);
                 struct surface8 object;
                 aim(&r, maps[i].m, at, &o, &d);
-                struct found found = intersect(ks, o, d, F8(0));
+                struct scenes_hit found = scenes_intersect(ks, o, d, F8(0));
                 struct surface8 s = surface(ks, &found, o, d, F8(0), &object);
                 f8 side = vec3x8_dot(out, s.ng);
                 struct vec3x8 start = vec3x8_along(s.p, s.ng, f8_mulsign(s.spawn, side));
-                struct found next = intersect(ks, start, out, F8(0));
+                struct scenes_hit next = scenes_intersect(ks, start, out, F8(0));
                 again += (unsigned)__builtin_popcount(
                     i8_bits(found.hit & next.hit & (next.geometry == found.geometry)));
                 total += (unsigned)__builtin_popcount(i8_bits(found.hit));
                 /* Planted: only the rounding in the group's own space */
                 start = vec3x8_along(s.p, s.ng, f8_mulsign(object.spawn, side));
-                next = intersect(ks, start, out, F8(0));
+                next = scenes_intersect(ks, start, out, F8(0));
                 planted += (unsigned)__builtin_popcount(
                     i8_bits(found.hit & next.hit & (next.geometry == found.geometry)));
             }
@@ -532,7 +498,7 @@ static void rays_of_any_time_find_what_turns(void **state)
             middle.z[lane] = 0;
         }
         struct vec3x8 d = random_direction(&r), o = vec3x8_sub(middle, d);
-        struct found found = intersect(ks, o, d, time);
+        struct scenes_hit found = scenes_intersect(ks, o, d, time);
         if (i8_bits(found.hit) != 255)
             fail_msg("round %d: %x hit", i, i8_bits(found.hit));
         struct surface8 object, s = surface(ks, &found, o, d, time, &object);
@@ -540,7 +506,7 @@ static void rays_of_any_time_find_what_turns(void **state)
         EXPECT_NEAR(radius[i % 8], 0.25, 4e-6);
         struct vec3x8 out = random_direction(&r);
         f8 side = vec3x8_dot(out, s.ng);
-        struct found next = intersect(ks, vec3x8_along(s.p, s.ng, s.spawn), out, time);
+        struct scenes_hit next = scenes_intersect(ks, vec3x8_along(s.p, s.ng, s.spawn), out, time);
         again += (unsigned)__builtin_popcount(i8_bits(next.hit & (side > 0)));
     }
     assert_int_equal(again, 0);
