@@ -54,6 +54,7 @@ void scene_build_free(struct scene_build *build)
     growing_free(&build->environments);
     growing_free(&build->instances);
     growing_free(&build->ends);
+    growing_free(&build->group_names);
     free(build->boxes);
     growing_free(&build->centers);
     growing_free(&build->groups);
@@ -122,6 +123,18 @@ void scene_build_group_begin(struct scene_build *build)
 {
     assert(build->open_group == 0);
     build->open_group = ++build->group_count;
+}
+
+bool scene_build_group_name(struct scene_build *build, const char *name, size_t length,
+                            struct err *err)
+{
+    assert(build->open_group != 0);
+    const char *text = arena_text(build->scene->arena, name, length);
+    struct scene_name *added = growing_add(&build->group_names, 1, sizeof(*added));
+    if (text == NULL || added == NULL)
+        return no_memory(err);
+    *added = (struct scene_name){ build->open_group - 1, text };
+    return true;
 }
 
 void scene_build_group_end(struct scene_build *build, uint32_t *group)
@@ -550,6 +563,7 @@ struct scene *scene_build_finish(struct scene_build *build, struct build_counts 
                 GIVE(&arrays.triangle_light, 1, triangle_light, triangle_light_count) &&
                 scene_lights_pick(scene, err) && scene_groups_finish(build, err) &&
                 GIVE(&build->groups, 1, groups, group_count) &&
+                GIVE(&build->group_names, 1, group_names, group_name_count) &&
                 GIVE(&build->placed, 1, instances, instance_count) &&
                 GIVE(&build->motions, 1, motions, motion_count);
     growing_free(&arrays.lights);
