@@ -172,6 +172,69 @@ static inline void scenes_sky(struct scene *scene, float L)
     scene->settings.sky_light = scenes_light(scene, (struct light){ .kind = LIGHT_SKY });
 }
 
+/* ---- groups, instances, motion */
+
+/* Row-major inverse of the affine map, in double */
+static inline void scenes_invert(const double m[3][4], double out[3][4])
+{
+    double det = 0;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            int a = (j + 1) % 3, b = (j + 2) % 3, c = (i + 1) % 3, d = (i + 2) % 3;
+            out[i][j] = m[a][c] * m[b][d] - m[a][d] * m[b][c];
+        }
+    for (int i = 0; i < 3; i++)
+        det += m[0][i] * out[i][0];
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            out[i][j] /= det;
+    for (int i = 0; i < 3; i++)
+        out[i][3] = -(out[i][0] * m[0][3] + out[i][1] * m[1][3] + out[i][2] * m[2][3]);
+}
+
+/* From here on shapes belong to a group */
+static inline void scenes_group_begin(struct scene *scene)
+{
+    scene->groups[scene->group_count++] = (struct group){ .first_mesh = scene->mesh_count,
+                                                          .first_quadric = scene->quadric_count };
+}
+
+static inline void scenes_group_end(struct scene *scene)
+{
+    struct group *group = &scene->groups[scene->group_count - 1];
+    group->mesh_count = scene->mesh_count - group->first_mesh;
+    group->quadric_count = scene->quadric_count - group->first_quadric;
+}
+
+/* One more instance of a group */
+static inline struct instance *scenes_place(struct scene *scene, uint32_t group,
+                                            const double m[3][4])
+{
+    struct instance *instance = &scene->instances[scene->instance_count++];
+    double inverse[3][4];
+    scenes_invert(m, inverse);
+    *instance = (struct instance){ .group = group };
+    for (int i = 0; i < 12; i++) {
+        instance->to_world[i] = (float)m[i / 4][i % 4];
+        instance->to_object[i] = (float)inverse[i / 4][i % 4];
+        scene->settings.bounds_max[i % 3] = 100;
+    }
+    return instance;
+}
+
+/* A motion along a straight line; 1 + its index */
+static inline uint32_t scenes_glide(struct scene *scene, float x, float y, float z)
+{
+    struct motion *motion = &scene->motions[scene->motion_count++];
+    *motion = (struct motion){ .translation[1] = { x, y, z } };
+    for (int end = 0; end < 2; end++) {
+        motion->rotation[end][3] = 1;
+        for (int i = 0; i < 9; i += 4)
+            motion->stretch[end][i] = 1;
+    }
+    return scene->motion_count;
+}
+
 /* Lights that have no probability yet share it evenly; bounds and the effect mask follow */
 static inline void scenes_finish(struct scene *scene)
 {

@@ -76,6 +76,22 @@ static void an_instance_moves_the_object_as_a_whole(void **state)
     scene_free(scene);
 }
 
+static void groups_have_the_names_of_their_objects(void **state)
+{
+    (void)state;
+    struct scene *scene = scene_of(W "ActiveTransform EndTime Translate 1 0 0 " BALL
+                                     "Identity ActiveTransform All " OBJECT HERE HERE
+                                     "ObjectBegin \"tree\" " TRI
+                                     "ObjectEnd ObjectInstance \"tree\"");
+    assert_int_equal(scene->instance_count, 3);
+    assert_int_equal(scene->group_name_count, 2);
+    assert_int_equal(scene->group_names[0].index, scene->instances[1].group);
+    assert_string_equal(scene->group_names[0].text, "o");
+    assert_true(scene->group_names[1].index > scene->group_names[0].index);
+    assert_string_equal(scene->group_names[1].text, "tree");
+    scene_free(scene);
+}
+
 /* Where the world is far away, neither the group nor its instances lose digits */
 static void far_objects_are_recentred_like_the_world(void **state)
 {
@@ -212,6 +228,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(an_instance_moves_the_object_as_a_whole),
+        cmocka_unit_test(groups_have_the_names_of_their_objects),
         cmocka_unit_test(far_objects_are_recentred_like_the_world),
         cmocka_unit_test(an_object_in_one_place_is_part_of_the_world),
         cmocka_unit_test(what_emits_stands_in_the_world_once_per_instance),
