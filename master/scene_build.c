@@ -266,10 +266,11 @@ static void follow_normals(float *normals, uint32_t shift, const float face[3], 
     }
     if (agree != 0)
         side = agree < 0 ? -1 : 1;
-    float length = sqrtf(face[0] * face[0] + face[1] * face[1] + face[2] * face[2]);
     for (int i = 0; i < 3; i++) {
-        bool missing = n[i][0] == 0 && n[i][1] == 0 && n[i][2] == 0;
-        for (int axis = 0; missing && axis < 3; axis++)
+        if (n[i][0] != 0 || n[i][1] != 0 || n[i][2] != 0)
+            continue;
+        float length = sqrtf(face[0] * face[0] + face[1] * face[1] + face[2] * face[2]);
+        for (int axis = 0; axis < 3; axis++)
             n[i][axis] = side * face[axis] / length;
     }
     if (side < 0) {
