@@ -212,11 +212,13 @@ static void place_vertices(struct scene_build *build, const struct build_mesh *m
 {
     const double *center = center_of(build, mesh->group);
     float *out = (float *)build->vertices.positions.data + 3 * (size_t)mesh->range.first_vertex;
-    for (uint32_t v = 0; v < mesh->range.vertex_count; v++, out += 3) {
+    const double to[3] = { center[0], center[1], center[2] };
+    const struct build_mesh from = *mesh; /* no store below can change it */
+    for (uint32_t v = 0; v < from.range.vertex_count; v++, out += 3) {
         double world[3];
-        scene_bounds_vertex(build, mesh, v, world);
+        scene_bounds_vertex(build, &from, v, world);
         for (int axis = 0; axis < 3; axis++)
-            out[axis] = (float)(world[axis] - center[axis]);
+            out[axis] = (float)(world[axis] - to[axis]);
     }
 }
 
@@ -290,9 +292,10 @@ static void place_triangles(struct scene_build *build, const struct build_mesh *
     const uint32_t *in = triangles + 3 * (size_t)from->range.first_triangle;
     uint32_t *out = triangles + 3 * *kept;
     float side = mesh->flags & MESH_FLIP_NORMAL ? -1 : 1;
-    mesh->first_triangle = (uint32_t)*kept;
-    mesh->triangle_count = 0;
-    for (uint32_t t = 0; t < from->range.triangle_count; t++, in += 3) {
+    float *normals = mesh->flags & MESH_NORMALS ? build->vertices.normals.data : NULL;
+    const uint32_t count = from->range.triangle_count, shift = mesh->normal_shift;
+    uint32_t made = 0;
+    for (uint32_t t = 0; t < count; t++, in += 3) {
         uint32_t corner[3] = { in[0], in[1], in[2] };
         float face[3];
         face_normal(positions, corner, face);
@@ -301,14 +304,15 @@ static void place_triangles(struct scene_build *build, const struct build_mesh *
             counts->degenerate_triangles++;
             continue;
         }
-        if (mesh->flags & MESH_NORMALS)
-            follow_normals(build->vertices.normals.data, mesh->normal_shift, face, side, corner,
-                           &counts->rewound_triangles);
+        if (normals != NULL)
+            follow_normals(normals, shift, face, side, corner, &counts->rewound_triangles);
         memcpy(out, corner, sizeof(corner));
         out += 3;
-        mesh->triangle_count++;
+        made++;
     }
-    *kept += mesh->triangle_count;
+    mesh->first_triangle = (uint32_t)*kept;
+    mesh->triangle_count = made;
+    *kept += made;
     if (mesh->flags & MESH_NORMALS)
         mesh->flags &= ~(uint32_t)MESH_FLIP_NORMAL; /* the winding says it now */
 }
