@@ -125,6 +125,30 @@ static void coated_metals_take_both_roughnesses(void **state)
     expect_refused("Material \"coatedconductor\" \"rgb albedo\" [.1 0 0]", "not supported yet");
 }
 
+static void hundreds_of_coats_share_tables_and_that_is_said(void **state)
+{
+    (void)state;
+    static char text[60000];
+    for (int many = 0; many < 2; many++) {
+        size_t at = (size_t)snprintf(text, sizeof(text), "WorldBegin ");
+        for (int i = 0; i < (many ? 400 : 100); i++)
+            at += (size_t)snprintf(text + at, sizeof(text) - at,
+                                   "Material \"coateddiffuse\" \"float roughness\" %g "
+                                   "\"float eta\" %g Shape \"sphere\" ",
+                                   0.001 + 0.002 * i, 1.3 + 0.001 * i);
+        struct scene_notes notes = { 0 };
+        struct scene *s = reader_text_scene(text, NULL, &notes);
+        assert_int_equal(notes_saying(&notes, "different coats share tables"), many);
+        assert_in_range(s->coat_table_count, 100, 300);
+        for (uint32_t i = 0; i < s->material_count; i++) { /* the lobes stay as they are */
+            EXPECT_NEAR(s->materials[i].alpha[0], sqrt(0.001 + 0.002 * i), 1e-6);
+            EXPECT_NEAR(s->materials[i].ior, 1.3 + 0.001 * i, 1e-6);
+        }
+        scene_notes_free(&notes);
+        scene_free(s);
+    }
+}
+
 static void only_two_widths_that_differ_are_anisotropic(void **state)
 {
     (void)state;
@@ -230,6 +254,7 @@ int main(void)
         cmocka_unit_test(sheets_reflect_and_transmit),
         cmocka_unit_test(coated_metals_have_pbrts_defaults),
         cmocka_unit_test(coated_metals_take_both_roughnesses),
+        cmocka_unit_test(hundreds_of_coats_share_tables_and_that_is_said),
         cmocka_unit_test(only_two_widths_that_differ_are_anisotropic),
         cmocka_unit_test(interfaces_are_not_there_and_give_no_light),
         cmocka_unit_test(sheets_and_coated_metals_mix),
