@@ -591,9 +591,8 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
             struct vec3x8 albedo = vec3x8_scale(bs.weight, bs.eta * bs.eta);
             albedo = vec3x8_select(bs.valid, albedo, vec3x8_all(0, 0, 0));
             const f8 time = fx & FX_MOTION ? path.time : F8(0);
-            const struct first_hit8 at = {
-                path.slot, object, s.material, s.p, frame.n, s.ng, albedo, time
-            };
+            const struct first_hit8 at = { path.slot, object, s.material, s.p,
+                                           frame.n,   s.ng,   albedo,     time };
             store_first_hits(&at, i8_bits(first), thread);
         }
         struct vec3x8 wi_world = frame_to_world(&frame, bs.wi);
