@@ -7,18 +7,23 @@
  * the order of AOV_MAP. Over the samples of a pixel are summed:
  *   coverage  1 where the path hit something, weighted with the magnitude of the filter
  *   alpha     the same weighted with the filter itself, as radiance is
- *   depth     along the camera's forward axis, from the camera's plane, in world units
+ *   depth     along the camera's forward axis, from the camera's plane, in world units; of a camera
+ *             that moves, at the sample's own time
  *   position, normal, geometric_normal, albedo
- *             of the hit, in re-centred world space
- * all but alpha with the coverage's weight, so that divided by the coverage they are averages over
- * the hits, and stay in their range for filters with negative lobes. The albedo of one sample is
- * the weight f cos / pdf of its sampled direction (times eta^2 for transmission), an unbiased
- * estimate of the share of light from everywhere that the material scatters towards the camera.
- * A hit with a value that is not finite counts as none.
+ *             of the hit, in re-centred world space, at the sample's own time
+ *   motion    in pixels, x to the right and y downwards: from where the camera sees the point of
+ * the surface that was hit when the shutter opens to where it sees it when the shutter closes,
+ * through the middle of the lens. 0 where nothing moves, and where the point is behind the camera
+ * at either time all but alpha with the coverage's weight, so that divided by the coverage they are
+ * averages over the hits, and stay in their range for filters with negative lobes. The albedo of
+ * one sample is the weight f cos / pdf of its sampled direction (times eta^2 for transmission), an
+ * unbiased estimate of the share of light from everywhere that the material scatters towards the
+ * camera. A hit with a value that is not finite counts as none.
  *
  * Identities are not summed: channel s of AOV_OBJECT and AOV_MATERIAL holds 1 + the index that
  * sample s of its replicate hit, or 0, and only the first AOV_ID_SAMPLES samples are kept. Each
- * channel has one sample, so the tree adds zeros to it, and adds exactly.
+ * channel has one sample, so the tree adds zeros to it, and adds exactly. Objects are the scene's
+ * meshes, then its quadrics, then its instances: what is hit inside of one is the instance.
  */
 #ifndef COMMON_AOV_H
 #define COMMON_AOV_H
@@ -37,7 +42,8 @@
     X(GEOMETRIC_NORMAL, 4, "geometric_normal", 3)                                    \
     X(ALBEDO, 5, "albedo", 3)                                                        \
     X(OBJECT, 6, "object", AOV_ID_SAMPLES)                                           \
-    X(MATERIAL, 7, "material", AOV_ID_SAMPLES)
+    X(MATERIAL, 7, "material", AOV_ID_SAMPLES)                                       \
+    X(MOTION, 8, "motion", 2)
 
 enum aov {
 #define X(name, bit, text, channels) AOV_##name = bit,

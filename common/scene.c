@@ -3,6 +3,7 @@
 #include "common/arena.h"
 #include "common/effects.h"
 #include "common/err.h"
+#include "common/finite.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -48,22 +49,13 @@ void scene_free(struct scene *scene)
     free(scene);
 }
 
-/* All of them finite? NaN and infinity are what stays nonzero times zero. */
-static bool all_finite(const float *values, size_t count)
-{
-    float sum = 0;
-    for (size_t i = 0; i < count; i++)
-        sum += values[i] * 0;
-    return sum == 0;
-}
-
 static bool check_camera(const struct camera *camera, struct err *err)
 {
     if (camera->kind > CAMERA_ORTHOGRAPHIC)
         return err_set(err, ERR_SCENE, "unknown camera kind %u", camera->kind);
-    if (!all_finite(camera->position, 3) || !all_finite(camera->right, 3) ||
-        !all_finite(camera->up, 3) || !all_finite(camera->forward, 3) ||
-        !all_finite(camera->screen, 4))
+    if (!finite_all(camera->position, 3) || !finite_all(camera->right, 3) ||
+        !finite_all(camera->up, 3) || !finite_all(camera->forward, 3) ||
+        !finite_all(camera->screen, 4))
         return err_set(err, ERR_SCENE, "the camera has a number that is not finite");
     if (!(camera->lens_radius >= 0) || !isfinite(camera->lens_radius))
         return err_set(err, ERR_SCENE, "the lens radius is %g", camera->lens_radius);
@@ -91,25 +83,25 @@ static bool check_settings(const struct scene *scene, struct err *err)
     const struct filter_spec *filter = &settings->filter;
     const float numbers[] = { filter->radius[0], filter->radius[1], filter->sigma, filter->b,
                               filter->c };
-    if (filter->kind > FILTER_MITCHELL || !all_finite(numbers, 5) || !(filter->radius[0] > 0) ||
+    if (filter->kind > FILTER_MITCHELL || !finite_all(numbers, 5) || !(filter->radius[0] > 0) ||
         !(filter->radius[1] > 0))
         return err_set(err, ERR_SCENE, "the reconstruction filter is not valid");
     if (filter->kind == FILTER_GAUSSIAN && !(filter->sigma > 0))
         return err_set(err, ERR_SCENE, "the gaussian filter's sigma is %g", filter->sigma);
 
-    if (!all_finite(settings->shutter, 2) || !(settings->shutter[0] <= settings->shutter[1]))
+    if (!finite_all(settings->shutter, 2) || !(settings->shutter[0] <= settings->shutter[1]))
         return err_set(err, ERR_SCENE, "the shutter is open from %g to %g", settings->shutter[0],
                        settings->shutter[1]);
     if (settings->camera_motion > scene->motion_count)
         return err_set(err, ERR_SCENE, "the camera: no motion %u", settings->camera_motion);
     if (settings->sampler >= SAMPLER_COUNT)
         return err_set(err, ERR_SCENE, "unknown sampler kind %u", settings->sampler);
-    if (!all_finite(settings->sky, 3))
+    if (!finite_all(settings->sky, 3))
         return err_set(err, ERR_SCENE, "the sky's radiance is not finite");
     for (int axis = 0; axis < 3; axis++)
         if (!isfinite(settings->center[axis]))
             return err_set(err, ERR_SCENE, "the centre of the scene is not finite");
-    if (!all_finite(settings->bounds_min, 3) || !all_finite(settings->bounds_max, 3))
+    if (!finite_all(settings->bounds_min, 3) || !finite_all(settings->bounds_max, 3))
         return err_set(err, ERR_SCENE, "the bounds of the scene are not finite");
     if (settings->sky_light != SCENE_NONE &&
         (settings->sky_light >= scene->light_count ||
@@ -131,10 +123,11 @@ static bool check_mesh(const struct scene *scene, uint32_t index, struct err *er
         return err_set(err, ERR_SCENE, "mesh %u: no material %u", index, mesh->material);
 
     const uint32_t *corner = scene->triangles + 3 * (size_t)mesh->first_triangle;
-    for (uint64_t i = 0; i < 3 * (uint64_t)mesh->triangle_count; i++)
-        if (corner[i] - mesh->first_vertex >= mesh->vertex_count)
-            return err_set(err, ERR_SCENE, "mesh %u: vertex index %u is out of range", index,
-                           corner[i]);
+    uint32_t outside = 0; /* no branch: of a large mesh there are millions */
+    for (size_t i = 0; i < 3 * (size_t)mesh->triangle_count; i++)
+        outside |= corner[i] - mesh->first_vertex >= mesh->vertex_count;
+    if (outside != 0)
+        return err_set(err, ERR_SCENE, "mesh %u: a vertex index is out of range", index);
 
     uint32_t first_normal = mesh->first_vertex + mesh->normal_shift;
     if ((mesh->flags & MESH_NORMALS) &&
@@ -165,8 +158,8 @@ static bool check_quadric(const struct scene *scene, uint32_t index, struct err 
 
     if (quadric->kind > QUADRIC_DISK)
         return err_set(err, ERR_SCENE, "quadric %u: unknown kind %u", index, quadric->kind);
-    if (!all_finite(quadric->center, 3) || !all_finite(quadric->to_world, 9) ||
-        !all_finite(quadric->to_object, 9) || !all_finite(sizes, 6) || !(quadric->radius > 0))
+    if (!finite_all(quadric->center, 3) || !finite_all(quadric->to_world, 9) ||
+        !finite_all(quadric->to_object, 9) || !finite_all(sizes, 6) || !(quadric->radius > 0))
         return err_set(err, ERR_SCENE, "quadric %u has a number that is not valid", index);
     if (quadric->material != SCENE_NONE && quadric->material >= scene->material_count)
         return err_set(err, ERR_SCENE, "quadric %u: no material %u", index, quadric->material);
@@ -200,7 +193,7 @@ static bool check_instance(const struct scene *scene, uint32_t index, struct err
         return err_set(err, ERR_SCENE, "instance %u: no motion %u", index, instance->motion);
     if (instance->motion != 0)
         return true;
-    if (!all_finite(instance->to_world, 12) || !all_finite(instance->to_object, 12))
+    if (!finite_all(instance->to_world, 12) || !finite_all(instance->to_object, 12))
         return err_set(err, ERR_SCENE, "instance %u has a number that is not finite", index);
     if (!are_inverse(instance->to_world, instance->to_object))
         return err_set(err, ERR_SCENE, "instance %u: its two transforms are not inverse", index);
@@ -210,8 +203,8 @@ static bool check_instance(const struct scene *scene, uint32_t index, struct err
 static bool check_motion(const struct scene *scene, uint32_t index, struct err *err)
 {
     const struct motion *motion = &scene->motions[index];
-    if (!all_finite(&motion->translation[0][0], 6) || !all_finite(&motion->rotation[0][0], 8) ||
-        !all_finite(&motion->stretch[0][0], 18) || !(motion->angle >= 0 && motion->angle < 1.6f))
+    if (!finite_all(&motion->translation[0][0], 6) || !finite_all(&motion->rotation[0][0], 8) ||
+        !finite_all(&motion->stretch[0][0], 18) || !(motion->angle >= 0 && motion->angle < 1.6f))
         return err_set(err, ERR_SCENE, "motion %u has a number that is not valid", index);
     return true;
 }
@@ -290,7 +283,7 @@ static bool check_environment(const struct scene *scene, uint32_t index, struct 
         return err_set(err, ERR_SCENE, "environment %u: the shape of its picture is not valid",
                        index);
     const float *scale = environment->scale;
-    if (!all_finite(environment->to_light, 9) || !all_finite(scale, 3) ||
+    if (!finite_all(environment->to_light, 9) || !finite_all(scale, 3) ||
         !(scale[0] >= 0 && scale[1] >= 0 && scale[2] >= 0))
         return err_set(err, ERR_SCENE, "environment %u has a number that is not valid", index);
     if (environment->layout != ENVIRONMENT_PROJECTION && !is_rotation(environment->to_light))
@@ -311,8 +304,8 @@ static bool check_texture(const struct scene *scene, uint32_t index, struct err 
         texture->wrap[0] > WRAP_MIRROR || texture->wrap[1] > WRAP_MIRROR ||
         (texture->channel > 3 && texture->channel != SCENE_NONE))
         return err_set(err, ERR_SCENE, "texture %u is not valid", index);
-    if (!all_finite(&texture->value[0][0], 12) || !all_finite(texture->map, 12) ||
-        !all_finite(others, 3) || texture->octaves > 64)
+    if (!finite_all(&texture->value[0][0], 12) || !finite_all(texture->map, 12) ||
+        !finite_all(others, 3) || texture->octaves > 64)
         return err_set(err, ERR_SCENE, "texture %u has a number that is not valid", index);
     if (texture->kind == TEXTURE_IMAGE && texture->picture >= scene->picture_count)
         return err_set(err, ERR_SCENE, "texture %u: no picture %u", index, texture->picture);
@@ -339,8 +332,8 @@ static bool check_material(const struct scene *scene, uint32_t index, struct err
                              material->coat_inner,   material->coat_scale,
                              material->normal_scale, material->base_alpha[0],
                              material->base_alpha[1] };
-    if (!all_finite(material->reflectance, 3) || !all_finite(material->specular, 3) ||
-        !all_finite(material->eta, 3) || !all_finite(material->k, 3) || !all_finite(others, 9))
+    if (!finite_all(material->reflectance, 3) || !finite_all(material->specular, 3) ||
+        !finite_all(material->eta, 3) || !finite_all(material->k, 3) || !finite_all(others, 9))
         return err_set(err, ERR_SCENE, "material %u has a number that is not finite", index);
     uint32_t kind = material->kind;
     bool coat = kind == MATERIAL_COAT || kind == MATERIAL_COATED_CONDUCTOR;
@@ -368,8 +361,8 @@ static bool check_light(const struct scene *scene, uint32_t index, struct err *e
 
     if (light->kind >= LIGHT_KINDS)
         return err_set(err, ERR_SCENE, "light %u: unknown kind %u", index, light->kind);
-    if (!all_finite(light->radiance, 3) || !all_finite(light->position, 3) ||
-        !all_finite(light->direction, 3) || !all_finite(light->normal, 3) || !all_finite(others, 4))
+    if (!finite_all(light->radiance, 3) || !finite_all(light->position, 3) ||
+        !finite_all(light->direction, 3) || !finite_all(light->normal, 3) || !finite_all(others, 4))
         return err_set(err, ERR_SCENE, "light %u has a number that is not finite", index);
     if (!(light->pick > 0) || light->pick > 1)
         return err_set(err, ERR_SCENE, "light %u is chosen with probability %g", index,
@@ -403,17 +396,17 @@ static bool check_arrays(const struct scene *scene, struct err *err)
         return err_set(err, ERR_SCENE, "the array " #member " is missing");
     SCENE_ARRAYS(X)
 #undef X
-    if (!all_finite(scene->positions, 3 * (size_t)scene->vertex_count))
+    if (!finite_all(scene->positions, 3 * (size_t)scene->vertex_count))
         return err_set(err, ERR_SCENE, "a vertex position is not finite");
-    if (!all_finite(scene->normals, 3 * (size_t)scene->normal_count))
+    if (!finite_all(scene->normals, 3 * (size_t)scene->normal_count))
         return err_set(err, ERR_SCENE, "a vertex normal is not finite");
-    if (!all_finite(scene->light_corners, 3 * (size_t)scene->light_corner_count))
+    if (!finite_all(scene->light_corners, 3 * (size_t)scene->light_corner_count))
         return err_set(err, ERR_SCENE, "a corner of a light is not finite");
-    if (!all_finite(scene->coat_tables, COAT_TABLE_LEN * (size_t)scene->coat_table_count))
+    if (!finite_all(scene->coat_tables, COAT_TABLE_LEN * (size_t)scene->coat_table_count))
         return err_set(err, ERR_SCENE, "a coat's table is not finite");
-    if (!all_finite(scene->uvs, 2 * (size_t)scene->uv_count))
+    if (!finite_all(scene->uvs, 2 * (size_t)scene->uv_count))
         return err_set(err, ERR_SCENE, "a texture coordinate is not finite");
-    if (!all_finite(scene->colors, 4 * (size_t)scene->color_count))
+    if (!finite_all(scene->colors, 4 * (size_t)scene->color_count))
         return err_set(err, ERR_SCENE, "a vertex colour is not finite");
     for (uint32_t i = 0; i < scene->triangle_light_count; i++)
         if (scene->triangle_light[i] != SCENE_NONE &&

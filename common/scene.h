@@ -426,6 +426,8 @@ struct scene {
     /* For people: names stay in the master, and are in no digest */
     struct scene_name *material_names;
     uint32_t material_name_count;
+    struct scene_name *group_names; /* by rising index */
+    uint32_t group_name_count;
 };
 
 /* The arrays that cross the wire, for code that treats all alike: member, count member, element

@@ -3,6 +3,7 @@
 #include "common/elem.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <string.h>
 
 #define PI                3.14159265358979323846
@@ -14,19 +15,70 @@
 #define TURNS_MAX         2000
 #define COAT_LEAST        1e-6 /* what a division by nothing is kept at */
 
-struct direction {
-    double x, y, z;
-};
-
-static double dot(struct direction a, struct direction b)
+/* Midpoints of [0, 1] */
+static double grid(int i, int count)
 {
-    return a.x * b.x + a.y * b.y + a.z * b.z;
+    return (i + 0.5) / count;
 }
 
-static struct direction unit(double x, double y, double z)
+/* --- Microfacets, eight at a time --------------------------------------------------------- */
+
+/*
+ * Points of the disk that visible normals are made from: an even grid of turns, and of heights t
+ * of the hemisphere above them, whose density is 2 t. Half of the turns are enough: light comes
+ * in the plane x z, and the other half are mirror images across it. The weights add up to one.
+ */
+struct facets {
+    int count; /* of eights */
+    struct {
+        f8 x, y, rim, weight;
+    } at[NORMALS * NORMALS / 2 / LANES];
+};
+
+static struct facets facets_of(int normals)
 {
-    double length = sqrt(x * x + y * y + z * z);
-    return (struct direction){ x / length, y / length, z / length };
+    struct facets facets = { .count = normals * normals / 2 / LANES };
+    for (int i = 0; i < facets.count; i++) {
+        f8 t, turn, sine, cosine;
+        for (int lane = 0; lane < LANES; lane++) {
+            int point = i * LANES + lane;
+            t[lane] = (float)grid(point / (normals / 2), normals);
+            turn[lane] = (float)(grid(point % (normals / 2), normals) - 0.25);
+        }
+        f8_sincos_turns(turn, &sine, &cosine);
+        f8 r = f8_sqrt((1 - t) * (1 + t));
+        facets.at[i].x = r * cosine;
+        facets.at[i].y = r * sine;
+        facets.at[i].rim = f8_sqrt(f8_max(F8(0), 1 - facets.at[i].x * facets.at[i].x));
+        facets.at[i].weight = 4 * t / (float)(normals * normals);
+    }
+    return facets;
+}
+
+/* A direction in the plane of x and z, by its cosine */
+struct view {
+    struct vec3x8 wo;
+    f8 x, z; /* the same stretched by alpha, unit */
+    float alpha;
+};
+
+static struct view view_at(double mu, double alpha)
+{
+    double sine = sqrt((1 - mu) * (1 + mu)), x = alpha * sine, length = sqrt(x * x + mu * mu);
+    return (struct view){ vec3x8_all((float)sine, 0, (float)mu), F8((float)(x / length)),
+                          F8((float)(mu / length)), (float)alpha };
+}
+
+/* Eight of the normals that are visible from there: the hemisphere of the stretched view,
+ * projected to the disk, whose lower half is squeezed */
+LANE_FN struct vec3x8 visible_normals(const struct facets *facets, int i, const struct view *view)
+{
+    f8 px = facets->at[i].x, half = (1 + view->z) * 0.5f;
+    f8 py = (1 - half) * facets->at[i].rim + half * facets->at[i].y;
+    f8 pz = f8_sqrt(f8_max(F8(0), 1 - px * px - py * py));
+    struct vec3x8 m = { view->alpha * (pz * view->x - py * view->z), view->alpha * px,
+                        f8_max(F8(1e-9f), py * view->x + pz * view->z) };
+    return vec3x8_unit(m);
 }
 
 /* Reflectance at cosine `c` > 0, going from index 1 into index `n`; *c_in is Snell's cosine */
@@ -44,40 +96,32 @@ static double fresnel(double c, double n, double *c_in)
     return (parallel * parallel + across * across) / 2;
 }
 
-/* Smith's Lambda for GGX, of a direction at cosine z */
-static double lambda(double z, double alpha)
+LANE_FN f8 fresnel8(f8 c, float n, f8 *c_in)
 {
-    double cos2 = z * z;
-    return cos2 > 0 ? (sqrt(1 + alpha * alpha * (1 - cos2) / cos2) - 1) / 2 : INFINITY;
+    *c_in = c;
+    if (n == 1)
+        return F8(0);
+    f8 sin2_in = (1 - c) * (1 + c) / (n * n);
+    f8 inside = f8_sqrt(f8_max(F8(0), 1 - sin2_in));
+    f8 parallel = (n * c - inside) / (n * c + inside);
+    f8 across = (c - n * inside) / (c + n * inside);
+    i8 total = sin2_in >= 1;
+    *c_in = f8_select(total, c, inside);
+    return f8_select(total, F8(1), (parallel * parallel + across * across) * 0.5f);
 }
 
-/* G2(wo, wi) / G1(wo) with height-correlated G2; cosines' signs do not matter */
-static double shadowing(double z_out, double z_in, double alpha)
+/* Smith's Lambda for GGX, of directions at cosine z */
+LANE_FN f8 lambda(f8 z, float alpha)
 {
-    double out = lambda(z_out, alpha), in = lambda(z_in, alpha);
+    f8 cos2 = z * z;
+    return (f8_sqrt(1 + alpha * alpha * (1 - cos2) / cos2) - 1) * 0.5f;
+}
+
+/* G2(wo, wi) / G1(wo) with height-correlated G2, for a wi at cosine z */
+LANE_FN f8 shadowing(const struct view *view, f8 z)
+{
+    f8 out = lambda(view->wo.z, view->alpha), in = lambda(z, view->alpha);
     return (1 + out) / (1 + out + in);
-}
-
-/* The visible microfacet normal for a point of a disk (height t above it on the hemisphere, turn
- * v), seen along wo (z > 0): the hemisphere of the stretched view, projected to the disk, whose
- * lower half is squeezed. Uniform points of the disk have density 2 t in t. */
-static struct direction visible_normal(struct direction wo, double alpha, double t, double v)
-{
-    struct direction view = unit(alpha * wo.x, alpha * wo.y, wo.z);
-    struct direction across = view.z < 0.99999 ? unit(-view.y, view.x, 0)
-                                               : (struct direction){ 1, 0, 0 };
-    struct direction other = { view.y * across.z - view.z * across.y,
-                               view.z * across.x - view.x * across.z,
-                               view.x * across.y - view.y * across.x };
-    double r = sqrt((1 - t) * (1 + t));
-    double px = r * elem_cos(2 * PI * v), py = r * elem_sin(2 * PI * v);
-    double half = (1 + view.z) / 2, rim = sqrt(fmax(0, 1 - px * px));
-    py = (1 - half) * rim + half * py;
-    double pz = sqrt(fmax(0, 1 - px * px - py * py));
-    double x = px * across.x + py * other.x + pz * view.x;
-    double y = px * across.y + py * other.y + pz * view.y;
-    double z = px * across.z + py * other.z + pz * view.z;
-    return unit(alpha * x, alpha * y, fmax(1e-9, z));
 }
 
 static double attenuation(double z, double thickness)
@@ -85,11 +129,15 @@ static double attenuation(double z, double thickness)
     return z != 0 ? elem_exp(-thickness / fabs(z)) : 0;
 }
 
-/* Midpoints of [0, 1] */
-static double grid(int i, int count)
+static double lanes_sum(f8 a)
 {
-    return (i + 0.5) / count;
+    double sum = 0;
+    for (int lane = 0; lane < LANES; lane++)
+        sum += (double)a[lane];
+    return sum;
 }
+
+/* --- One crossing ------------------------------------------------------------------------- */
 
 /* Add energy at cosine z to the two nearest of ANGLES cosines; to none where `to` is NULL */
 static void spread(double *to, double z, double energy)
@@ -102,63 +150,59 @@ static void spread(double *to, double z, double energy)
     to[i + 1] += (x - i) * energy;
 }
 
-/* Of light from outside at cosine mu, what arrives at the base; added to `to` by its cosine */
-static double entering(double mu, double alpha, double ior, double thickness, double *to)
+#define MIRROR 0 /* in place of an index: reflects everything */
+
+struct interface {
+    double alpha, n;  /* index behind over index before it, as light comes */
+    double thickness; /* of the layer that is crossed afterwards */
+};
+
+/*
+ * Of light that comes to an interface at cosine mu, what goes `through` it, or back, and leaves the
+ * layer after it; added to `to` by its cosine there.
+ */
+static double crossing_smooth(const struct interface *at, bool through, double mu, double *to)
 {
-    double c_in;
-    if (alpha < ALPHA_SMOOTH) {
-        double reflected = fresnel(mu, ior, &c_in);
-        double arrives = (1 - reflected) * attenuation(c_in, thickness);
-        spread(to, c_in, arrives);
-        return arrives;
+    double z = mu, share = 1, c_in;
+    if (at->n != MIRROR) {
+        share = fresnel(mu, at->n, &c_in);
+        z = through ? c_in : mu;
+        share = through ? 1 - share : share;
     }
-    struct direction wo = { sqrt((1 - mu) * (1 + mu)), 0, mu };
-    double sum = 0;
-    for (int i = 0; i < NORMALS; i++)
-        for (int j = 0; j < NORMALS; j++) {
-            double t = grid(i, NORMALS);
-            struct direction m = visible_normal(wo, alpha, t, grid(j, NORMALS));
-            double c = dot(wo, m);
-            if (c <= 0)
-                continue;
-            double reflected = fresnel(c, ior, &c_in);
-            double z = (c / ior - c_in) * m.z - wo.z / ior; /* of the refracted direction */
-            if (reflected < 1 && z < 0) {
-                double arrives = 2 * t * (1 - reflected) * shadowing(wo.z, z, alpha) *
-                                 attenuation(z, thickness);
-                sum += arrives;
-                spread(to, -z, arrives / (NORMALS * NORMALS));
-            }
-        }
-    return sum / (NORMALS * NORMALS);
+    double energy = share * attenuation(z, at->thickness);
+    spread(to, z, energy);
+    return energy;
 }
 
-/* Of light at the interface, going up at cosine mu inside, what is reflected and arrives at the
- * base; added to `to` by its cosine */
-static double returning(double mu, double alpha, double ior, double thickness, double *to)
+static double crossing(const struct facets *facets, const struct interface *at, bool through,
+                       double mu, double *to)
 {
-    double c_out;
-    if (alpha < ALPHA_SMOOTH) {
-        double arrives = fresnel(mu, 1 / ior, &c_out) * attenuation(mu, thickness);
-        spread(to, mu, arrives);
-        return arrives;
-    }
-    struct direction wo = { sqrt((1 - mu) * (1 + mu)), 0, mu };
-    double sum = 0;
-    for (int i = 0; i < NORMALS_IN; i++)
-        for (int j = 0; j < NORMALS_IN; j++) {
-            double t = grid(i, NORMALS_IN);
-            struct direction m = visible_normal(wo, alpha, t, grid(j, NORMALS_IN));
-            double c = dot(wo, m);
-            double z = 2 * c * m.z - wo.z; /* of the mirrored direction */
-            if (c > 0 && z > 0) {
-                double arrives = 2 * t * fresnel(c, 1 / ior, &c_out) * shadowing(wo.z, z, alpha) *
-                                 attenuation(z, thickness);
-                sum += arrives;
-                spread(to, z, arrives / (NORMALS_IN * NORMALS_IN));
+    if (at->alpha < ALPHA_SMOOTH)
+        return crossing_smooth(at, through, mu, to);
+    const struct view view = view_at(mu, at->alpha);
+    const float n = (float)at->n, thickness = (float)at->thickness;
+    f8 sum = F8(0);
+    for (int i = 0; i < facets->count; i++) {
+        struct vec3x8 m = visible_normals(facets, i, &view);
+        f8 c = vec3x8_dot(view.wo, m), c_in = c, share = F8(1), z = 2 * c * m.z - view.wo.z;
+        if (n != MIRROR) {
+            share = fresnel8(c, n, &c_in);
+            if (through) {
+                share = 1 - share;
+                z = view.wo.z / n - (c / n - c_in) * m.z;
             }
         }
-    return sum / (NORMALS_IN * NORMALS_IN);
+        i8 goes = (c > 0) & (z > 0) & (share > 0);
+        f8 energy = facets->at[i].weight * share * shadowing(&view, z);
+        if (thickness > 0)
+            energy = energy * f8_exp(-thickness / z);
+        energy = f8_select(goes, energy, F8(0));
+        sum = sum + energy;
+        for (int lane = 0; to != NULL && lane < LANES; lane++)
+            if (goes[lane])
+                spread(to, (double)z[lane], (double)energy[lane]);
+    }
+    return lanes_sum(sum);
 }
 
 /* The cosine outside of entry i of a table */
@@ -169,67 +213,28 @@ static double table_cosine(int i)
 }
 
 /* R_in, of a diffuse flux: uniform in mu^2 */
-static double returning_diffuse(double alpha, double ior, double thickness)
+static double returning_diffuse(const struct facets *facets, const struct interface *out)
 {
-    int directions = alpha < ALPHA_SMOOTH ? DIRECTIONS_SMOOTH : DIRECTIONS;
+    int directions = out->alpha < ALPHA_SMOOTH ? DIRECTIONS_SMOOTH : DIRECTIONS;
     double sum = 0;
     for (int i = 0; i < directions; i++) {
         double mu = sqrt(grid(i, directions));
-        sum += attenuation(mu, thickness) * returning(mu, alpha, ior, thickness, NULL);
+        sum += attenuation(mu, out->thickness) * crossing(facets, out, false, mu, NULL);
     }
     return sum / directions;
 }
 
 void coat_tabulate(double alpha, double ior, double thickness, struct coat *coat)
 {
+    const struct facets fine = facets_of(NORMALS), coarse = facets_of(NORMALS_IN);
+    const struct interface in = { alpha, ior, thickness }, out = { alpha, 1 / ior, thickness };
     for (int i = 0; i < COAT_TABLE_LEN; i++)
-        coat->table[i] = (float)entering(table_cosine(i), alpha, ior, thickness, NULL);
-    coat->inner = (float)returning_diffuse(alpha, ior, thickness);
+        coat->table[i] = (float)crossing(&fine, &in, true, table_cosine(i), NULL);
+    coat->inner = (float)returning_diffuse(&coarse, &out);
     coat->scale = (float)(1 / (PI * ior * ior));
 }
 
 /* --- Over metal --------------------------------------------------------------------------- */
-
-/* Of light going up at cosine mu inside, what gets out, without attenuation */
-static double leaving(double mu, double alpha, double ior)
-{
-    double c_out;
-    if (alpha < ALPHA_SMOOTH)
-        return 1 - fresnel(mu, 1 / ior, &c_out);
-    struct direction wo = { sqrt((1 - mu) * (1 + mu)), 0, mu };
-    double sum = 0;
-    for (int i = 0; i < NORMALS_IN; i++)
-        for (int j = 0; j < NORMALS_IN; j++) {
-            double t = grid(i, NORMALS_IN);
-            struct direction m = visible_normal(wo, alpha, t, grid(j, NORMALS_IN));
-            double c = dot(wo, m);
-            if (c <= 0)
-                continue;
-            double reflected = fresnel(c, 1 / ior, &c_out);
-            double z = (c * ior - c_out) * m.z - wo.z * ior;
-            if (reflected < 1 && z < 0)
-                sum += 2 * t * (1 - reflected) * shadowing(wo.z, z, alpha);
-        }
-    return sum / (NORMALS_IN * NORMALS_IN);
-}
-
-/* Light that arrives at the metal at cosine mu: what goes up again, if it is white, by cosine */
-static void reflecting(double mu, double alpha, double to[ANGLES])
-{
-    if (alpha < ALPHA_SMOOTH) {
-        spread(to, mu, 1);
-        return;
-    }
-    struct direction wo = { sqrt((1 - mu) * (1 + mu)), 0, mu };
-    for (int i = 0; i < NORMALS_IN; i++)
-        for (int j = 0; j < NORMALS_IN; j++) {
-            double t = grid(i, NORMALS_IN);
-            struct direction m = visible_normal(wo, alpha, t, grid(j, NORMALS_IN));
-            double z = 2 * dot(wo, m) * m.z - wo.z;
-            if (z > 0)
-                spread(to, z, 2 * t * shadowing(wo.z, z, alpha) / (NORMALS_IN * NORMALS_IN));
-        }
-}
 
 static double weighted(const double weights[ANGLES], const double values[ANGLES])
 {
@@ -241,19 +246,20 @@ static double weighted(const double weights[ANGLES], const double values[ANGLES]
 
 /* Of unit light that arrives at white metal at each cosine, what gets out after any number of
  * turns: the fixed point of one turn */
-static void escaping(double alpha, double base_alpha, double ior, double thickness,
+static void escaping(const struct facets *facets, const struct interface *out, double base_alpha,
                      double escapes[ANGLES])
 {
+    const struct interface bare = { out->alpha, out->n, 0 }, metal = { base_alpha, MIRROR, 0 };
     double leaves[ANGLES], returns[ANGLES][ANGLES], reflects[ANGLES][ANGLES];
     memset(returns, 0, sizeof(returns));
     memset(reflects, 0, sizeof(reflects));
     for (int i = 0; i < ANGLES; i++) {
-        double mu = grid(i, ANGLES), through = attenuation(mu, thickness);
-        leaves[i] = through * leaving(mu, alpha, ior);
-        returning(mu, alpha, ior, thickness, returns[i]);
+        double mu = grid(i, ANGLES), before = attenuation(mu, out->thickness);
+        leaves[i] = before * crossing(facets, &bare, true, mu, NULL);
+        crossing(facets, out, false, mu, returns[i]);
         for (int k = 0; k < ANGLES; k++)
-            returns[i][k] *= through;
-        reflecting(mu, base_alpha, reflects[i]);
+            returns[i][k] *= before;
+        crossing(facets, &metal, false, mu, reflects[i]);
         escapes[i] = 0;
     }
     double change = 1;
@@ -277,8 +283,17 @@ static double table_at(const float table[COAT_TABLE_LEN], double mu)
     return (1 - (x - i)) * (double)table[i] + (x - i) * (double)table[i + 1];
 }
 
+LANE_FN f8 table_at8(const float table[COAT_TABLE_LEN], f8 mu)
+{
+    f8 x = f8_sqrt(mu) * (float)(COAT_TABLE_LEN - 1);
+    i8 i = i8_from_f8(f8_min(x, F8(COAT_TABLE_LEN - 2)));
+    f8 t = x - f8_from_i8(i);
+    return (1 - t) * f8_gather(table, i) + t * f8_gather(table, i + 1);
+}
+
 /* The same energy in the lobe of the metal alone, per energy that arrives at it */
-static double lobe_energy(const struct coat_metal *coat, double mu, double alpha, double ior)
+static double lobe_energy(const struct facets *facets, const struct coat_metal *coat, double mu,
+                          double alpha, double ior)
 {
     const float *enter = coat->rows[COAT_ENTER], *back = coat->rows[COAT_RETURN];
     double returned = table_at(back, mu);
@@ -287,50 +302,52 @@ static double lobe_energy(const struct coat_metal *coat, double mu, double alpha
     double sin2_in = (1 - mu) * (1 + mu) / (ior * ior);
     if (sin2_in >= 1)
         return 0;
-    struct direction wo = { sqrt(sin2_in), 0, sqrt(1 - sin2_in) };
-    double sum = 0;
-    for (int i = 0; i < NORMALS; i++)
-        for (int j = 0; j < NORMALS; j++) {
-            double t = grid(i, NORMALS);
-            struct direction m = visible_normal(wo, alpha, t, grid(j, NORMALS));
-            double z = 2 * dot(wo, m) * m.z - wo.z;
-            double sin2_out = (1 - z) * (1 + z) * ior * ior;
-            if (z <= 0 || sin2_out >= 1)
-                continue;
-            double mu_out = sqrt(1 - sin2_out);
-            double turns = 1 / fmax(1 - fmin(returned, table_at(back, mu_out)), COAT_LEAST);
-            sum += 2 * t * shadowing(wo.z, z, alpha) * table_at(enter, mu_out) * turns;
-        }
-    return sum / (NORMALS * NORMALS);
+    const struct view view = view_at(sqrt(1 - sin2_in), alpha);
+    const float n = (float)ior;
+    f8 sum = F8(0);
+    for (int i = 0; i < facets->count; i++) {
+        struct vec3x8 m = visible_normals(facets, i, &view);
+        f8 z = 2 * vec3x8_dot(view.wo, m) * m.z - view.wo.z;
+        f8 sin2_out = (1 - z) * (1 + z) * (n * n);
+        i8 leaves = (z > 0) & (sin2_out < 1);
+        f8 mu_out = f8_sqrt(f8_select(leaves, 1 - sin2_out, F8(0)));
+        f8 turned = f8_min(F8((float)returned), table_at8(back, mu_out));
+        f8 energy = facets->at[i].weight * shadowing(&view, z) * table_at8(enter, mu_out) /
+                    f8_max(1 - turned, F8((float)COAT_LEAST));
+        sum = sum + f8_select(leaves, energy, F8(0));
+    }
+    return lanes_sum(sum);
 }
 
 void coat_metal_tabulate(double alpha, double base_alpha, double ior, double thickness,
                          struct coat_metal *coat)
 {
+    const struct facets fine = facets_of(NORMALS), coarse = facets_of(NORMALS_IN);
+    const struct interface in = { alpha, ior, thickness }, out = { alpha, 1 / ior, thickness };
     float *enter = coat->rows[COAT_ENTER], *spread_row = coat->rows[COAT_SPREAD];
     double escapes[ANGLES], total[COAT_TABLE_LEN], deflection = alpha * (ior - 1) / ior;
     double seen_alpha = sqrt(base_alpha * base_alpha + deflection * deflection / 2);
     bool mirror = alpha < ALPHA_SMOOTH && base_alpha < ALPHA_SMOOTH;
-    escaping(alpha, base_alpha, ior, thickness, escapes);
+    escaping(&coarse, &out, base_alpha, escapes);
     for (int i = 0; i < COAT_TABLE_LEN; i++) {
         double mu = table_cosine(i), arrives[ANGLES] = { 0 };
         double sin2_in = (1 - mu) * (1 + mu) / (ior * ior), mu_in = sqrt(fmax(1 - sin2_in, 0));
-        enter[i] = (float)entering(mu, alpha, ior, thickness, arrives);
+        enter[i] = (float)crossing(&fine, &in, true, mu, arrives);
         coat->rows[COAT_RETURN][i] = (float)(attenuation(mu_in, thickness) *
-                                             returning(mu_in, alpha, ior, thickness, NULL));
+                                             crossing(&coarse, &out, false, mu_in, NULL));
         total[i] = weighted(arrives, escapes);
     }
 
     /* Where the lobe alone would return more than the walk does, less enters */
     float lower[COAT_TABLE_LEN];
     for (int i = 0; i < COAT_TABLE_LEN; i++) {
-        double lobe = (double)enter[i] * lobe_energy(coat, table_cosine(i), seen_alpha, ior);
+        double lobe = (double)enter[i] * lobe_energy(&fine, coat, table_cosine(i), seen_alpha, ior);
         lower[i] = lobe > total[i] && !mirror ? (float)sqrt(total[i] / lobe) : 1;
     }
     for (int i = 0; i < COAT_TABLE_LEN; i++)
         enter[i] *= lower[i];
     for (int i = 0; i < COAT_TABLE_LEN; i++) {
-        double lobe = (double)enter[i] * lobe_energy(coat, table_cosine(i), seen_alpha, ior);
+        double lobe = (double)enter[i] * lobe_energy(&fine, coat, table_cosine(i), seen_alpha, ior);
         spread_row[i] = mirror || enter[i] < COAT_LEAST
                             ? 0
                             : (float)(fmax(total[i] - lobe, 0) / (double)enter[i]);
@@ -342,5 +359,5 @@ void coat_metal_tabulate(double alpha, double base_alpha, double ior, double thi
     }
     sum *= PI / DIRECTIONS_SMOOTH;
     coat->scale = sum > 1e-9 ? (float)(1 / sum) : 0;
-    coat->inner = (float)returning_diffuse(alpha, ior, thickness);
+    coat->inner = (float)returning_diffuse(&coarse, &out);
 }

@@ -38,8 +38,8 @@
  * energy returned differs from the walk's by at most 1.3 % of what arrives over white metal and 2 %
  * over any other, most at grazing angles; typically by a fifth of that.
  *
- * Anisotropic coats use the mean of their two alphas here. Pure; any thread; about 30 ms for a
- * rough coat, 100 ms over metal.
+ * Anisotropic coats use the mean of their two alphas here. Pure; any thread; about a millisecond
+ * for a rough coat, four over metal.
  */
 #ifndef MASTER_COAT_H
 #define MASTER_COAT_H

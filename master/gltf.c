@@ -103,7 +103,7 @@ static void reader_close(struct gltf_reader *reader)
     gltf_materials_free(&reader->materials);
     gltf_textures_free(&reader->textures);
     gltf_file_free(&reader->file);
-    gltf_report_free(&reader->report);
+    scene_notes_draft_free(&reader->report.notes);
     scene_build_free(reader->build);
 }
 
@@ -148,7 +148,7 @@ static struct scene *read_from(const char *path, const void *bytes, size_t size,
         gltf_nodes_walk(&reader))
         scene = finish(&reader);
     if (notes != NULL)
-        gltf_report_hand_over(&reader.report, notes);
+        *notes = scene_notes_of(&reader.report.notes, reader.report.warnings);
     reader_close(&reader);
     return scene;
 }

@@ -364,8 +364,11 @@ static bool add_metal(struct gltf_reader *reader, const struct look *look, uint3
 static bool add_coated(struct gltf_reader *reader, const struct look *look,
                        struct material *material, uint32_t *index)
 {
-    if (!scene_coats_add(&reader->materials.coats, reader->build, material, 0, reader->err))
+    struct scene_coats *coats = &reader->materials.coats;
+    if (!scene_coats_add(coats, reader->build, material, 0, reader->err))
         return gltf_report_wrap(reader, look->item.where);
+    if (coats->similar)
+        gltf_report_note(reader, look->item.where, SCENE_COATS_SIMILAR);
     return add(reader, look, material, index);
 }
 

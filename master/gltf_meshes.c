@@ -325,7 +325,10 @@ static bool make_group(struct gltf_reader *reader, const struct gltf_item *item,
 {
     const struct transform here = transform_identity();
     uint64_t spent = reader->file.spent;
+    const char *name = json_string_value(json_object_get(item->json, "name"));
     scene_build_group_begin(reader->build);
+    if (name != NULL && !scene_build_group_name(reader->build, name, strlen(name), reader->err))
+        return gltf_report_wrap(reader, item->where);
     if (!add_primitives(reader, item, mesh, &here))
         return false;
     scene_build_group_end(reader->build, &mesh->group);

@@ -8,20 +8,18 @@
 #ifndef MASTER_GLTF_REPORT_H
 #define MASTER_GLTF_REPORT_H
 
-#include "master/growing.h"
+#include "master/scene_notes.h"
 
 #include <stdbool.h>
 #include <stdint.h>
 
 struct gltf_reader;
-struct scene_notes;
 
 struct gltf_report {
-    const char *path;     /* of the file, as the user calls it */
-    uint64_t warnings;    /* how often the file asked in vain, when lenient */
-    struct growing notes; /* struct gltf_note */
+    const char *path;  /* of the file, as the user calls it */
+    uint64_t warnings; /* how often the file asked in vain, when lenient */
+    struct scene_notes_draft notes;
 };
-void gltf_report_free(struct gltf_report *report);
 
 /* ERR_SCENE: the file is wrong. Sets reader->failed; always false. An earlier error stays. */
 bool gltf_report_error(struct gltf_reader *reader, const char *where, const char *format, ...)
@@ -42,8 +40,5 @@ bool gltf_report_wrap(struct gltf_reader *reader, const char *where);
 
 /* ERR_MEMORY; always false. */
 bool gltf_report_no_memory(struct gltf_reader *reader);
-
-/* All notes as lines, in the order they came up. */
-void gltf_report_hand_over(const struct gltf_report *report, struct scene_notes *out);
 
 #endif

@@ -1,10 +1,13 @@
 #include "master/growing.h"
 
+#include "common/pages.h"
+
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
 
 #define PADDING 16
+#define LARGE   ((size_t)16 << 20) /* bytes from which on pages are wished for */
 
 static bool resize(struct growing *array, size_t capacity, size_t size)
 {
@@ -16,6 +19,8 @@ static bool resize(struct growing *array, size_t capacity, size_t size)
         return false;
     array->data = data;
     array->capacity = capacity;
+    if (bytes >= LARGE)
+        pages_prefer_huge(data, bytes);
     return true;
 }
 

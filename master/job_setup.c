@@ -57,7 +57,7 @@ static bool needs_planned_samples(uint32_t sampler)
 /* Identities travel as float32, which tells so many apart */
 static bool check_ids(const struct scene *scene, uint32_t aovs, struct err *err)
 {
-    uint64_t objects = (uint64_t)scene->mesh_count + scene->quadric_count;
+    uint64_t objects = (uint64_t)scene->mesh_count + scene->quadric_count + scene->instance_count;
     if ((aov_in(aovs, AOV_OBJECT) && objects >= AOV_ID_MAX) ||
         (aov_in(aovs, AOV_MATERIAL) && scene->material_count >= AOV_ID_MAX))
         return err_set(err, ERR_LIMIT, "--aov: fewer than %d objects and materials have ids",

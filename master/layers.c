@@ -43,6 +43,8 @@ static const struct {
     { AOV_ALBEDO, 0, "albedo.R", false },
     { AOV_ALBEDO, 1, "albedo.G", false },
     { AOV_ALBEDO, 2, "albedo.B", false },
+    { AOV_MOTION, 0, "motion.X", true },
+    { AOV_MOTION, 1, "motion.Y", true },
 };
 #define AVERAGES (sizeof(averages) / sizeof(averages[0]))
 
@@ -53,11 +55,27 @@ static const struct {
 
 /* ---- making */
 
-/* The scene model has no names: meshes are numbered in its order, then spheres and disks */
+static int by_index(const void *key, const void *name)
+{
+    uint32_t wanted = *(const uint32_t *)key, is = ((const struct scene_name *)name)->index;
+    return (wanted > is) - (wanted < is);
+}
+
+/* Meshes have no names: they are numbered in the scene's order, then spheres and disks. Instances
+ * have that of their object, and a number of their own. */
 static void object_name(const struct scene *scene, uint32_t index, char *text, size_t capacity)
 {
-    (void)scene;
-    snprintf(text, capacity, "object %u", index);
+    uint32_t shapes = scene->mesh_count + scene->quadric_count;
+    if (index < shapes) {
+        snprintf(text, capacity, "object %u", index);
+        return;
+    }
+    uint32_t group = scene->instances[index - shapes].group;
+    const struct scene_name *name = NULL;
+    if (scene->group_name_count > 0)
+        name = bsearch(&group, scene->group_names, scene->group_name_count, sizeof(*name),
+                       by_index);
+    snprintf(text, capacity, "%.200s#%u", name != NULL ? name->text : "instance", index - shapes);
 }
 
 static void material_name(const struct scene *scene, uint32_t index, char *text, size_t capacity)
@@ -89,8 +107,9 @@ struct layers *layers_new(const struct scene *scene, const struct job_spec *spec
         done = layers->ids[i] != NULL;
     }
     if (done && aov_in(layers->aovs, AOV_OBJECT))
-        done = cryptomatte_names_make(&layers->objects, scene,
-                                      scene->mesh_count + scene->quadric_count, object_name);
+        done = cryptomatte_names_make(
+            &layers->objects, scene,
+            scene->mesh_count + scene->quadric_count + scene->instance_count, object_name);
     if (done && aov_in(layers->aovs, AOV_MATERIAL))
         done = cryptomatte_names_make(&layers->materials, scene, scene->material_count,
                                       material_name);

@@ -5,11 +5,12 @@
  *   position.X .Y .Z      in world space
  *   normal.X ...          of shading; geometric_normal.X ... of the surface; unit on average only
  *   albedo.R .G .B
+ *   motion.X .Y           pixels, from the opening of the shutter to its closing; y downwards
  *   CryptoObject00.R ...  Cryptomatte (Friedman and Jones 2015): three layers of two ranks each
  *   CryptoMaterial00.R ...
  * All but A and the Cryptomattes are averages over the samples that hit something, 0 where none
  * did. Coverages of the Cryptomattes count the first AOV_ID_SAMPLES samples of every replicate.
- * Positions, depths and identities are exact channels: float32 in every file.
+ * Positions, depths, motions and identities are exact channels: float32 in every file.
  *
  * Owned by the film, and used by one thread at a time.
  */

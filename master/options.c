@@ -217,13 +217,10 @@ PARSER(aov)
             o->aovs |= 1u << aov;
             continue;
         }
-        if (strcmp(name, "motion") == 0)
-            return err_set(err, ERR_UNSUPPORTED,
-                           "motion vectors need moving objects, which are not supported yet");
         const char *nearest = options_nearest(name, NAMES);
         return err_set(err, ERR_ARGUMENT, "there is no layer \"%s\"; %s%s", name,
                        nearest == NULL ? "there are alpha, depth, position, normal, "
-                                         "geometric_normal, albedo, object, material"
+                                         "geometric_normal, albedo, motion, object, material"
                                        : "the nearest is ",
                        nearest == NULL ? "" : nearest);
     }
@@ -324,9 +321,10 @@ static const struct option {
     { "--write-every", "T", set_write_every, "refresh picture and PNG while rendering" },
     { "--tev", "HOST:PORT", set_tev, "show the picture in a tev viewer while rendering" },
     { "--aov", "NAME,...", set_aov,
-      "more layers: alpha, depth, position, normal, geometric_normal, albedo, object, material" },
+      "more layers: alpha, depth, position, normal, geometric_normal, albedo, motion, object, "
+      "material" },
     { "--exr-type", "half|float", set_exr_type,
-      "half: 16 bits, but for positions, depths and ids (float)" },
+      "half: 16 bits, but for positions, depths, motions and ids (float)" },
     { "--exr-compression", "NAME", set_exr_compression, "zip (default), zips, piz, rle or none" },
     { "--lenient", NULL, set_lenient, "warn about what the scene asks for in vain" },
     { "--quiet", NULL, set_quiet, "no progress" },

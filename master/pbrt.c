@@ -37,7 +37,7 @@ static void reader_close(struct pbrt_reader *reader)
     scene_pictures_free(&reader->pictures);
     scene_build_free(reader->build);
     pbrt_lexer_free(reader->lexer);
-    pbrt_report_free(&reader->report);
+    scene_notes_draft_free(&reader->report.notes);
 }
 
 static void note_counts(struct pbrt_reader *reader, const struct build_counts *counts,
@@ -78,7 +78,7 @@ static struct scene *read_from(const char *path, const char *text, size_t length
             scene = finish(&reader, path != NULL ? path : name != NULL ? name : "text");
     }
     if (notes != NULL)
-        pbrt_report_hand_over(&reader.report, notes);
+        *notes = scene_notes_of(&reader.report.notes, reader.report.warnings);
     reader_close(&reader);
     return scene;
 }

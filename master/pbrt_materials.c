@@ -2,7 +2,6 @@
 
 #include "common/arena.h"
 #include "master/albedo.h"
-#include "master/coat.h"
 #include "master/pbrt_color.h"
 #include "master/pbrt_reader.h"
 #include "master/spectrum.h"
@@ -56,13 +55,6 @@ struct pbrt_material_name {
     const char *text;
     size_t length;
     uint32_t definition;
-};
-
-struct pbrt_coat {
-    struct material material; /* what the tables depend on, all else zero */
-    double thickness;
-    float inner, scale;
-    uint32_t table; /* first row among the scene's */
 };
 
 /* --- Parameters --------------------------------------------------------------------------- */
@@ -411,7 +403,7 @@ void pbrt_materials_free(struct pbrt_materials *materials)
     growing_free(&materials->definitions);
     growing_free(&materials->names);
     growing_free(&materials->mix_names);
-    growing_free(&materials->coats);
+    scene_coats_free(&materials->coats);
 }
 
 bool pbrt_materials_set(struct pbrt_reader *reader, const struct pbrt_token *type)
@@ -484,92 +476,14 @@ bool pbrt_materials_use(struct pbrt_reader *reader, const struct pbrt_token *nam
 
 /* --- Into the scene ----------------------------------------------------------------------- */
 
-/* Tables of a coat of one alpha, `rows` of them, with the two numbers that belong to them */
-static void tabulate(const struct material *material, double alpha, double thickness, float *rows,
-                     float *inner, float *scale)
+static bool resolve_coat(struct pbrt_reader *reader, const struct pbrt_material *definition,
+                         struct material *material)
 {
-    double ior = (double)material->ior;
-    if (material->kind == MATERIAL_COAT) {
-        struct coat coat;
-        coat_tabulate(alpha, ior, thickness, &coat);
-        memcpy(rows, coat.table, sizeof(coat.table));
-        *inner = coat.inner;
-        *scale = coat.scale;
-    } else {
-        struct coat_metal coat;
-        double base_alpha = (double)(material->base_alpha[0] + material->base_alpha[1]) / 2;
-        coat_metal_tabulate(alpha, base_alpha, ior, thickness, &coat);
-        memcpy(rows, coat.rows, sizeof(coat.rows));
-        *inner = coat.inner;
-        *scale = coat.scale;
-    }
-}
-
-/* The rows of a coat as struct material wants them; NULL when memory runs out */
-static float *add_coat_rows(struct growing *tables, struct pbrt_coat *coat)
-{
-    const struct material *material = &coat->material;
-    size_t rows = material->kind == MATERIAL_COAT ? 1 : COAT_METAL_ROWS;
-    bool many = material->flags & MATERIAL_COATS;
-    coat->table = (uint32_t)tables->count;
-    float *table = growing_add(tables, many ? rows * COAT_ALPHAS + 1 : rows,
-                               COAT_TABLE_LEN * sizeof(float));
-    if (table == NULL)
-        return NULL;
-    if (!many) {
-        double alpha = (double)((material->alpha[0] + material->alpha[1]) / 2);
-        tabulate(material, alpha, coat->thickness, table, &coat->inner, &coat->scale);
-        return table;
-    }
-    float *last = table + rows * COAT_ALPHAS * COAT_TABLE_LEN;
-    memset(last, 0, COAT_TABLE_LEN * sizeof(float));
-    for (int j = 0; j < COAT_ALPHAS; j++) {
-        double root = (double)j / (COAT_ALPHAS - 1);
-        tabulate(material, root * root, coat->thickness, table + (size_t)j * rows * COAT_TABLE_LEN,
-                 last + j, last + COAT_ALPHAS + j);
-    }
-    coat->inner = last[0];
-    coat->scale = last[COAT_ALPHAS];
-    for (int j = 0; j < COAT_ALPHAS; j++) { /* as it is interpolated */
-        float *scale = &last[COAT_ALPHAS + j];
-        *scale = *scale > 0 ? 1 / *scale : 0;
-    }
-    return table;
-}
-
-static bool same_coat(const struct pbrt_coat *a, const struct pbrt_coat *b)
-{
-    const struct material *x = &a->material, *y = &b->material;
-    return x->kind == y->kind && x->flags == y->flags && x->ior == y->ior &&
-           a->thickness == b->thickness && x->alpha[0] + x->alpha[1] == y->alpha[0] + y->alpha[1] &&
-           x->base_alpha[0] + x->base_alpha[1] == y->base_alpha[0] + y->base_alpha[1];
-}
-
-/* The tables of a coat, computed once for equal coats */
-static bool resolve_coat(struct pbrt_reader *reader, struct material *material, double thickness)
-{
-    if (material->texture[SLOT_ROUGHNESS_U] != 0 || material->texture[SLOT_ROUGHNESS_V] != 0)
-        material->flags |= MATERIAL_COATS;
-    struct pbrt_coat wanted = { .material = { .kind = material->kind,
-                                              .flags = material->flags & MATERIAL_COATS,
-                                              .ior = material->ior },
-                                .thickness = thickness };
-    memcpy(wanted.material.base_alpha, material->base_alpha, sizeof(material->base_alpha));
-    if (!(material->flags & MATERIAL_COATS))
-        memcpy(wanted.material.alpha, material->alpha, sizeof(material->alpha));
-    struct pbrt_coat *coats = reader->materials.coats.data, *coat = NULL;
-    for (size_t i = 0; i < reader->materials.coats.count && coat == NULL; i++)
-        if (same_coat(&coats[i], &wanted))
-            coat = &coats[i];
-    if (coat == NULL) {
-        coat = growing_add(&reader->materials.coats, 1, sizeof(*coat));
-        if (coat == NULL || add_coat_rows(&reader->build->coat_tables, &wanted) == NULL)
-            return pbrt_report_no_memory(reader);
-        *coat = wanted;
-    }
-    material->coat_table = coat->table;
-    material->coat_inner = coat->inner;
-    material->coat_scale = coat->scale;
+    struct scene_coats *coats = &reader->materials.coats;
+    if (!scene_coats_add(coats, reader->build, material, definition->coat_thickness, reader->err))
+        return false;
+    if (coats->similar)
+        pbrt_report_note(reader, &definition->pos, SCENE_COATS_SIMILAR);
     return true;
 }
 
@@ -595,7 +509,7 @@ static bool resolve(struct pbrt_reader *reader, uint32_t index, int depth, uint3
     definition->busy = true;
     struct material material = definition->material;
     if ((material.kind == MATERIAL_COAT || material.kind == MATERIAL_COATED_CONDUCTOR) &&
-        !resolve_coat(reader, &material, definition->coat_thickness))
+        !resolve_coat(reader, definition, &material))
         return false;
     for (int i = 0; material.kind == MATERIAL_MIX && i < 2; i++) {
         const struct pbrt_token *name = (struct pbrt_token *)reader->materials.mix_names.data +

@@ -11,6 +11,7 @@
 
 #include "master/growing.h"
 #include "master/pbrt_lexer.h"
+#include "master/scene_coats.h"
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -21,8 +22,8 @@ struct pbrt_materials {
     struct growing definitions; /* struct pbrt_material: as written */
     struct growing names;       /* struct pbrt_material_name: MakeNamedMaterial */
     struct growing mix_names;   /* struct pbrt_token: what mixes refer to */
-    struct growing coats;       /* struct pbrt_coat: tables computed already */
     bool diffuse;               /* option "forcediffuse" */
+    struct scene_coats coats;
 };
 
 /* Define pbrt's default, grey diffuse, and make it the current one. */

@@ -81,7 +81,7 @@ bool pbrt_objects_begin(struct pbrt_reader *reader, const struct pbrt_token *dir
     objects->frame = reader->stack.frames.count;
     objects->curved_lights = 0;
     scene_build_group_begin(reader->build);
-    return true;
+    return scene_build_group_name(reader->build, name.text, name.length, reader->err);
 }
 
 bool pbrt_objects_end(struct pbrt_reader *reader, const struct pbrt_token *directive)

@@ -8,21 +8,19 @@
 #ifndef MASTER_PBRT_REPORT_H
 #define MASTER_PBRT_REPORT_H
 
-#include "master/growing.h"
+#include "master/scene_notes.h"
 #include "master/source_pos.h"
 
 #include <stdbool.h>
 #include <stdint.h>
 
-struct scene_notes;
 struct pbrt_reader;
 
 struct pbrt_report {
-    bool lenient;         /* what is not supported yet is a note, not an error */
-    uint64_t warnings;    /* how often it was */
-    struct growing notes; /* struct pbrt_note */
+    bool lenient;      /* what is not supported yet is a note, not an error */
+    uint64_t warnings; /* how often it was */
+    struct scene_notes_draft notes;
 };
-void pbrt_report_free(struct pbrt_report *report);
 
 /* ERR_SCENE: the text is wrong. Always false. */
 bool pbrt_report_error(struct pbrt_reader *reader, const struct source_pos *pos, const char *format,
@@ -39,8 +37,5 @@ void pbrt_report_note(struct pbrt_reader *reader, const struct source_pos *pos, 
 
 /* ERR_MEMORY; always false. */
 bool pbrt_report_no_memory(struct pbrt_reader *reader);
-
-/* All notes as lines, in the order they came up: the caller's, for scene_notes_free. */
-void pbrt_report_hand_over(const struct pbrt_report *report, struct scene_notes *out);
 
 #endif

@@ -1,6 +1,7 @@
 #include "master/ply.h"
 
 #include "common/err.h"
+#include "common/finite.h"
 #include "master/number.h"
 
 #include <errno.h>
@@ -24,7 +25,8 @@
 
 struct input {
     const char *name;
-    gzFile file;     /* NULL: all of it is in the window */
+    int fd;          /* of a file as it is, or -1 */
+    gzFile file;     /* of a compressed one, or NULL; with neither, all of it is in the window */
     uint8_t *buffer; /* the window's memory, when there is a file */
     const uint8_t *at, *end;
     uint64_t size; /* of the whole file, or SIZE_UNKNOWN */
@@ -32,27 +34,43 @@ struct input {
     bool failed;   /* reading failed; the error is set */
 };
 
+/* Bytes read, 0 at the end of the file or when reading failed */
+static size_t input_read(struct input *in, uint8_t *to, size_t size, struct err *err)
+{
+    const char *why = NULL;
+    ssize_t got;
+    if (in->file == NULL) {
+        do
+            got = read(in->fd, to, size);
+        while (got < 0 && errno == EINTR);
+        why = got < 0 ? strerror(errno) : NULL;
+    } else {
+        int code = Z_OK;
+        got = gzread(in->file, to, (unsigned)size);
+        const char *text = got <= 0 ? gzerror(in->file, &code) : "";
+        if (got < 0 || (code != Z_OK && code != Z_BUF_ERROR))
+            why = code == Z_ERRNO ? strerror(errno) : text;
+    }
+    if (why != NULL) {
+        err_set(err, ERR_SCENE, "%s: reading failed: %s", in->name, why);
+        in->failed = true;
+    }
+    return got > 0 ? (size_t)got : 0;
+}
+
 /* Bytes in the window: at least `wanted` (up to BUFFER_SIZE) unless the file ends before. */
 static size_t input_fill(struct input *in, size_t wanted, struct err *err)
 {
     size_t left = (size_t)(in->end - in->at);
-    if (left >= wanted || in->file == NULL)
+    if (left >= wanted || in->buffer == NULL)
         return left;
     memmove(in->buffer, in->at, left);
     in->at = in->buffer;
     while (left < wanted) {
-        int got = gzread(in->file, in->buffer + left, (unsigned)(BUFFER_SIZE - left));
-        int code = Z_OK;
-        if (got <= 0) {
-            const char *why = gzerror(in->file, &code);
-            if (got < 0 || (code != Z_OK && code != Z_BUF_ERROR)) {
-                err_set(err, ERR_SCENE, "%s: reading failed: %s", in->name,
-                        code == Z_ERRNO ? strerror(errno) : why);
-                in->failed = true;
-            }
+        size_t got = input_read(in, in->buffer + left, BUFFER_SIZE - left, err);
+        if (got == 0)
             break;
-        }
-        left += (size_t)got;
+        left += got;
     }
     in->end = in->buffer + left;
     return left;
@@ -474,14 +492,25 @@ static bool add_vertices(struct ply *ply, size_t count, struct vertex_out *out, 
     return true;
 }
 
+/* `fields` floats of every record, which follow one another as most exporters write them, or not */
 static void copy_fields(const uint8_t *records, const struct layout *layout, enum role first,
-                        int fields, size_t count, float *out)
+                        size_t fields, size_t count, float *out)
 {
-    for (size_t i = 0; i < count; i++)
-        for (int field = 0; field < fields; field++)
-            memcpy(out + i * (size_t)fields + field,
-                   records + i * layout->stride + layout->offset[first + (unsigned)field],
-                   sizeof(float));
+    const ptrdiff_t *offset = layout->offset + first;
+    const size_t stride = layout->stride, size = fields * sizeof(float);
+    bool together = true;
+    for (size_t field = 1; field < fields; field++)
+        together &= offset[field] == offset[0] + (ptrdiff_t)(field * sizeof(float));
+    if (together && stride == size)
+        memcpy(out, records, count * size);
+    else if (together && fields == 3)
+        for (size_t i = 0; i < count; i++)
+            memcpy(out + 3 * i, records + i * stride + offset[0], 3 * sizeof(float));
+    else
+        for (size_t i = 0; i < count; i++)
+            for (size_t field = 0; field < fields; field++)
+                memcpy(out + i * fields + field, records + i * stride + offset[field],
+                       sizeof(float));
 }
 
 static bool read_vertices_fast(struct ply *ply, const struct element *element,
@@ -540,6 +569,8 @@ static bool read_vertices_any(struct ply *ply, const struct element *element, st
 static bool check_finite(const struct ply *ply, const char *what, const float *values, size_t count,
                          struct err *err)
 {
+    if (finite_all(values, count))
+        return true;
     for (size_t i = 0; i < count; i++)
         if (!isfinite(values[i]))
             return err_set(err, ERR_SCENE, "%s: vertex %zu: its %s is not finite", ply->in.name,
@@ -597,34 +628,51 @@ static bool no_memory_for_faces(const struct ply *ply, struct err *err)
     return err_set(err, ERR_MEMORY, "%s: no memory for the triangles", ply->in.name);
 }
 
-/* The common layout: nothing but a byte of length and 32-bit indices. Triangles only; stops in
- * front of the first other face and returns the number of faces read. */
-static bool read_triangles_fast(struct ply *ply, uint64_t limit, uint64_t *faces, struct err *err)
+/* The common layout: nothing but a byte of length and 32-bit indices. Triangles and quads; stops
+ * in front of the first other face and returns the number of faces read. */
+static bool read_faces_fast(struct ply *ply, uint64_t limit, uint64_t *faces, struct err *err)
 {
-    enum { RECORD = 13 };
+    enum { TRIANGLE = 1 + 3 * 4, QUAD = 1 + 4 * 4 };
     struct input *in = &ply->in;
-    uint32_t first = ply->added->first_vertex, vertices = ply->added->vertex_count;
-    *faces = 0;
-    while (*faces < limit) {
-        size_t records = input_fill(in, RECORD, err) / RECORD;
-        if (records > limit - *faces)
-            records = (size_t)(limit - *faces);
-        if (!growing_reserve(&ply->target->triangles, records, 3 * sizeof(uint32_t)))
+    struct growing *triangles = &ply->target->triangles;
+    const uint32_t first = ply->added->first_vertex, vertices = ply->added->vertex_count;
+    for (*faces = 0; *faces < limit;) {
+        size_t available = input_fill(in, QUAD, err), most = available / TRIANGLE;
+        most = most < limit - *faces ? most : (size_t)(limit - *faces);
+        if (!growing_reserve(triangles, most, 3 * sizeof(uint32_t)))
             return no_memory_for_faces(ply, err);
-        uint32_t *out = (uint32_t *)ply->target->triangles.data + 3 * ply->target->triangles.count;
-        size_t done = 0;
-        uint32_t corner[3];
-        for (; done < records && in->at[0] == 3; done++, in->at += RECORD, out += 3) {
-            memcpy(corner, in->at + 1, sizeof(corner));
-            if (corner[0] >= vertices || corner[1] >= vertices || corner[2] >= vertices)
+        const uint8_t *at = in->at, *end = at + available;
+        uint32_t *out = (uint32_t *)triangles->data + 3 * triangles->count;
+        uint32_t corner[4] = { 0 };
+        size_t done = 0, made = 0;
+        for (; done < most && made < most; done++) {
+            bool quad = at[0] == 4;
+            if ((at[0] != 3 && !quad) || end - at < (quad ? QUAD : TRIANGLE))
+                break;
+            memcpy(corner, at + 1, 3 * sizeof(uint32_t));
+            if (quad)
+                memcpy(corner + 3, at + TRIANGLE, sizeof(uint32_t));
+            if ((corner[0] >= vertices) | (corner[1] >= vertices) | (corner[2] >= vertices) |
+                (quad & (corner[3] >= vertices)))
+                break;
+            if (quad && made + 2 > most) /* the next round has room for both */
                 break;
             out[0] = first + corner[0];
             out[1] = first + corner[1];
             out[2] = first + corner[2];
+            if (quad) {
+                out[3] = first + corner[0];
+                out[4] = first + corner[2];
+                out[5] = first + corner[3];
+            }
+            out += quad ? 6 : 3;
+            made += quad ? 2 : 1;
+            at += quad ? QUAD : TRIANGLE;
         }
-        ply->target->triangles.count += done;
+        in->at = at;
+        triangles->count += made;
         *faces += done;
-        if (done < records || records == 0)
+        if (made == 0)
             break; /* another kind of face, a bad index or the end: the general way says which */
     }
     return !in->failed;
@@ -675,7 +723,7 @@ static bool read_faces(struct ply *ply, const struct element *element, struct er
     for (uint64_t face = 0; face < element->count; face++) {
         if (plain) {
             uint64_t read;
-            if (!read_triangles_fast(ply, element->count - face, &read, err))
+            if (!read_faces_fast(ply, element->count - face, &read, err))
                 return false;
             face += read;
             if (face == element->count)
@@ -746,9 +794,17 @@ static bool read_ply(const struct input *in, struct ply_target *target, struct p
 bool ply_read_bytes(const void *bytes, size_t size, const char *name, struct ply_target *target,
                     struct ply_added *added, struct err *err)
 {
-    struct input in = { .name = name, .at = bytes, .size = size };
+    struct input in = { .name = name, .fd = -1, .at = bytes, .size = size };
     in.end = size > 0 ? in.at + size : in.at;
     return read_ply(&in, target, added, err);
+}
+
+/* By the two bytes that every gzip file begins with; the file's offset stays */
+static bool is_compressed(int fd)
+{
+    uint8_t magic[2];
+    return pread(fd, magic, sizeof(magic), 0) == sizeof(magic) && magic[0] == 0x1f &&
+           magic[1] == 0x8b;
 }
 
 bool ply_read(const char *path, struct ply_target *target, struct ply_added *added, struct err *err)
@@ -764,26 +820,31 @@ bool ply_read(const char *path, struct ply_target *target, struct ply_added *add
         err_set(err, ERR_SCENE, "%s: not a regular file", path);
         goto fail_open;
     }
-    gzFile file = gzdopen(fd, "rb");
-    if (file == NULL) {
+    struct input in = {
+        .name = path, .fd = fd, .size = (uint64_t)status.st_size, .buffer = malloc(BUFFER_SIZE)
+    };
+    if (in.buffer == NULL) {
         err_set(err, ERR_MEMORY, "%s: no memory", path);
         goto fail_open;
     }
-    struct input in = { .name = path, .file = file, .buffer = malloc(BUFFER_SIZE) };
-    if (in.buffer == NULL) {
-        err_set(err, ERR_MEMORY, "%s: no memory", path);
-        goto fail_buffer;
-    }
-    gzbuffer(file, 1 << 18);
-    in.size = gzdirect(file) ? (uint64_t)status.st_size : SIZE_UNKNOWN;
     in.at = in.end = in.buffer;
+    if (is_compressed(fd)) {
+        in.file = gzdopen(fd, "rb");
+        if (in.file == NULL) {
+            err_set(err, ERR_MEMORY, "%s: no memory", path);
+            goto fail_file;
+        }
+        gzbuffer(in.file, 1 << 18);
+        in.size = SIZE_UNKNOWN;
+        fd = -1; /* closed with it */
+    }
     good = read_ply(&in, target, added, err);
+    if (in.file != NULL)
+        gzclose(in.file);
+fail_file:
     free(in.buffer);
-fail_buffer:
-    gzclose(file);
-    return good;
 fail_open:
     if (fd >= 0)
         close(fd);
-    return false;
+    return good;
 }

@@ -16,21 +16,13 @@ bool scene_bounds_is_empty(const struct scene_bounds *bounds)
 
 void scene_bounds_add(struct scene_bounds *bounds, const double p[3])
 {
+    /* Comparisons, which NaN fails: fmin and fmax are calls */
     for (int axis = 0; axis < 3; axis++) {
-        bounds->min[axis] = fmin(bounds->min[axis], p[axis]);
-        bounds->max[axis] = fmax(bounds->max[axis], p[axis]);
+        if (p[axis] < bounds->min[axis])
+            bounds->min[axis] = p[axis];
+        if (p[axis] > bounds->max[axis])
+            bounds->max[axis] = p[axis];
     }
-}
-
-void scene_bounds_vertex(const struct scene_build *build, const struct build_mesh *mesh, uint32_t i,
-                         double world[3])
-{
-    const float *narrow = (const float *)build->vertices.positions.data +
-                          3 * ((size_t)mesh->range.first_vertex + i);
-    double p[3] = { narrow[0], narrow[1], narrow[2] };
-    if (mesh->wide != NULL)
-        memcpy(p, mesh->wide + 3 * (size_t)i, sizeof(p));
-    transform_point(&mesh->place.to_world, p, world);
 }
 
 void scene_bounds_quadric_center(const struct build_quadric *built, double center[3])
@@ -58,11 +50,13 @@ void scene_bounds_add_quadric(struct scene_bounds *bounds, const struct build_qu
 void scene_bounds_add_mesh(struct scene_bounds *bounds, const struct scene_build *build,
                            const struct build_mesh *mesh)
 {
+    struct scene_bounds here = *bounds;
     for (uint32_t v = 0; v < mesh->range.vertex_count; v++) {
         double world[3];
         scene_bounds_vertex(build, mesh, v, world);
-        scene_bounds_add(bounds, world);
+        scene_bounds_add(&here, world);
     }
+    *bounds = here;
 }
 
 void scene_bounds_add_box(struct scene_bounds *bounds, const struct scene_bounds *box,

@@ -7,6 +7,8 @@
 
 #include "master/scene_build.h"
 
+#include <string.h>
+
 struct scene_bounds {
     double min[3], max[3];
 };
@@ -25,8 +27,16 @@ void scene_bounds_add_box(struct scene_bounds *bounds, const struct scene_bounds
                           const struct transform *to_world);
 
 /* The file's position of vertex i of a mesh after its to_world; a quadric's centre likewise. */
-void scene_bounds_vertex(const struct scene_build *build, const struct build_mesh *mesh, uint32_t i,
-                         double world[3]);
+static inline void scene_bounds_vertex(const struct scene_build *build,
+                                       const struct build_mesh *mesh, uint32_t i, double world[3])
+{
+    const float *narrow = (const float *)build->vertices.positions.data +
+                          3 * ((size_t)mesh->range.first_vertex + i);
+    double p[3] = { narrow[0], narrow[1], narrow[2] };
+    if (mesh->wide != NULL)
+        memcpy(p, mesh->wide + 3 * (size_t)i, sizeof(p));
+    transform_point(&mesh->place.to_world, p, world);
+}
 void scene_bounds_quadric_center(const struct build_quadric *quadric, double center[3]);
 
 /* The point that becomes the origin: see scene_build.h. */

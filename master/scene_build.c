@@ -54,6 +54,7 @@ void scene_build_free(struct scene_build *build)
     growing_free(&build->environments);
     growing_free(&build->instances);
     growing_free(&build->ends);
+    growing_free(&build->group_names);
     free(build->boxes);
     growing_free(&build->centers);
     growing_free(&build->groups);
@@ -147,6 +148,18 @@ void scene_build_group_begin(struct scene_build *build)
     build->open_group = ++build->group_count;
 }
 
+bool scene_build_group_name(struct scene_build *build, const char *name, size_t length,
+                            struct err *err)
+{
+    assert(build->open_group != 0);
+    const char *text = arena_text(build->scene->arena, name, length);
+    struct scene_name *added = growing_add(&build->group_names, 1, sizeof(*added));
+    if (text == NULL || added == NULL)
+        return no_memory(err);
+    *added = (struct scene_name){ build->open_group - 1, text };
+    return true;
+}
+
 void scene_build_group_end(struct scene_build *build, uint32_t *group)
 {
     assert(build->open_group != 0);
@@ -222,11 +235,13 @@ static void place_vertices(struct scene_build *build, const struct build_mesh *m
 {
     const double *center = center_of(build, mesh->group);
     float *out = (float *)build->vertices.positions.data + 3 * (size_t)mesh->range.first_vertex;
-    for (uint32_t v = 0; v < mesh->range.vertex_count; v++, out += 3) {
+    const double to[3] = { center[0], center[1], center[2] };
+    const struct build_mesh from = *mesh; /* no store below can change it */
+    for (uint32_t v = 0; v < from.range.vertex_count; v++, out += 3) {
         double world[3];
-        scene_bounds_vertex(build, mesh, v, world);
+        scene_bounds_vertex(build, &from, v, world);
         for (int axis = 0; axis < 3; axis++)
-            out[axis] = (float)(world[axis] - center[axis]);
+            out[axis] = (float)(world[axis] - to[axis]);
     }
 }
 
@@ -276,10 +291,11 @@ static void follow_normals(float *normals, uint32_t shift, const float face[3], 
     }
     if (agree != 0)
         side = agree < 0 ? -1 : 1;
-    float length = sqrtf(face[0] * face[0] + face[1] * face[1] + face[2] * face[2]);
     for (int i = 0; i < 3; i++) {
-        bool missing = n[i][0] == 0 && n[i][1] == 0 && n[i][2] == 0;
-        for (int axis = 0; missing && axis < 3; axis++)
+        if (n[i][0] != 0 || n[i][1] != 0 || n[i][2] != 0)
+            continue;
+        float length = sqrtf(face[0] * face[0] + face[1] * face[1] + face[2] * face[2]);
+        for (int axis = 0; axis < 3; axis++)
             n[i][axis] = side * face[axis] / length;
     }
     if (side < 0) {
@@ -299,9 +315,10 @@ static void place_triangles(struct scene_build *build, const struct build_mesh *
     const uint32_t *in = triangles + 3 * (size_t)from->range.first_triangle;
     uint32_t *out = triangles + 3 * *kept;
     float side = mesh->flags & MESH_FLIP_NORMAL ? -1 : 1;
-    mesh->first_triangle = (uint32_t)*kept;
-    mesh->triangle_count = 0;
-    for (uint32_t t = 0; t < from->range.triangle_count; t++, in += 3) {
+    float *normals = mesh->flags & MESH_NORMALS ? build->vertices.normals.data : NULL;
+    const uint32_t count = from->range.triangle_count, shift = mesh->normal_shift;
+    uint32_t made = 0;
+    for (uint32_t t = 0; t < count; t++, in += 3) {
         uint32_t corner[3] = { in[0], in[1], in[2] };
         float face[3];
         face_normal(positions, corner, face);
@@ -310,14 +327,15 @@ static void place_triangles(struct scene_build *build, const struct build_mesh *
             counts->degenerate_triangles++;
             continue;
         }
-        if (mesh->flags & MESH_NORMALS)
-            follow_normals(build->vertices.normals.data, mesh->normal_shift, face, side, corner,
-                           &counts->rewound_triangles);
+        if (normals != NULL)
+            follow_normals(normals, shift, face, side, corner, &counts->rewound_triangles);
         memcpy(out, corner, sizeof(corner));
         out += 3;
-        mesh->triangle_count++;
+        made++;
     }
-    *kept += mesh->triangle_count;
+    mesh->first_triangle = (uint32_t)*kept;
+    mesh->triangle_count = made;
+    *kept += made;
     if (mesh->flags & MESH_NORMALS)
         mesh->flags &= ~(uint32_t)MESH_FLIP_NORMAL; /* the winding says it now */
 }
@@ -573,6 +591,7 @@ struct scene *scene_build_finish(struct scene_build *build, struct build_counts 
                 GIVE(&arrays.triangle_light, 1, triangle_light, triangle_light_count) &&
                 scene_lights_pick(scene, err) && scene_groups_finish(build, err) &&
                 GIVE(&build->groups, 1, groups, group_count) &&
+                GIVE(&build->group_names, 1, group_names, group_name_count) &&
                 GIVE(&build->placed, 1, instances, instance_count) &&
                 GIVE(&build->motions, 1, motions, motion_count);
     growing_free(&arrays.lights);

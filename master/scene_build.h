@@ -95,6 +95,7 @@ struct scene_build {
     struct growing environments;   /* struct environment, but for the light that each belongs to */
     struct growing instances;      /* struct build_instance */
     struct growing ends;           /* struct transform: what moves comes here */
+    struct growing group_names;    /* struct scene_name */
     uint32_t group_count, open_group; /* groups are numbered from 1; 0 is the world */
 
     /* The camera moves from world_from_camera to here */
@@ -121,8 +122,11 @@ bool scene_build_add_mesh(struct scene_build *build, const struct build_place *p
 bool scene_build_add_quadric(struct scene_build *build, const struct build_quadric *quadric,
                              struct err *err);
 
-/* Shapes added from here to the end form a group, which is seen through its instances alone. */
+/* Shapes added from here to the end form a group, which is seen through its instances alone. The
+ * file's name for it, if any, is given while it is open. */
 void scene_build_group_begin(struct scene_build *build);
+bool scene_build_group_name(struct scene_build *build, const char *name, size_t length,
+                            struct err *err);
 void scene_build_group_end(struct scene_build *build, uint32_t *group);
 
 /* Place a group that was ended; or one that moves while the shutter is open, `end` NULL if not. */

@@ -8,9 +8,9 @@
 #include <math.h>
 #include <string.h>
 
-#define ROWS_EXACT 24 /* of tables, while every coat gets its own */
-#define ROWS_MOST  64 /* after so many, the nearest serve */
-#define ROOT_STEPS 32 /* widths between them: their square roots, in steps */
+#define ROWS_EXACT 192 /* of tables, while every coat gets its own */
+#define ROWS_MOST  256 /* after so many, the nearest serve */
+#define ROOT_STEPS 32  /* widths between them: their square roots, in steps */
 
 /* What the tables of a coat depend on, and where they are */
 struct known_coat {
@@ -103,8 +103,8 @@ static float to_step(float alpha)
     return root * root;
 }
 
-/* A row takes 30 ms. A scene of hundreds of coats shares the tables of similar widths, and, beyond
- * reason, whatever is nearest; the widths of the lobes themselves stay exact. */
+/* A row takes a millisecond. A scene of hundreds of coats shares the tables of similar widths, and,
+ * beyond reason, whatever is nearest; the widths of the lobes themselves stay exact. */
 static void share(const struct scene_coats *coats, size_t rows, struct known_coat *wanted)
 {
     const struct known_coat *known = coats->known.data, *nearest = NULL;
@@ -137,8 +137,11 @@ bool scene_coats_add(struct scene_coats *coats, struct scene_build *build,
         .thickness = thickness,
     };
     struct known_coat *coat = find(coats, &wanted);
+    coats->similar = false;
     if (coat == NULL) {
+        const struct known_coat exact = wanted;
         share(coats, build->coat_tables.count, &wanted);
+        coats->similar = !same(&exact, &wanted);
         coat = find(coats, &wanted);
     }
     if (coat == NULL) {

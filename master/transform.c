@@ -123,31 +123,6 @@ bool transform_invert(const struct transform *a, struct transform *out)
     return true;
 }
 
-void transform_point(const struct transform *a, const double p[3], double out[3])
-{
-    double x = p[0], y = p[1], z = p[2];
-    for (int i = 0; i < 3; i++)
-        out[i] = a->m[i][0] * x + a->m[i][1] * y + a->m[i][2] * z + a->m[i][3];
-    double w = a->m[3][0] * x + a->m[3][1] * y + a->m[3][2] * z + a->m[3][3];
-    if (w != 1)
-        for (int i = 0; i < 3; i++)
-            out[i] /= w;
-}
-
-void transform_vector(const struct transform *a, const double v[3], double out[3])
-{
-    double x = v[0], y = v[1], z = v[2];
-    for (int i = 0; i < 3; i++)
-        out[i] = a->m[i][0] * x + a->m[i][1] * y + a->m[i][2] * z;
-}
-
-void transform_normal(const struct transform *inverse, const double n[3], double out[3])
-{
-    double x = n[0], y = n[1], z = n[2];
-    for (int i = 0; i < 3; i++)
-        out[i] = inverse->m[0][i] * x + inverse->m[1][i] * y + inverse->m[2][i] * z;
-}
-
 bool transform_is_affine(const struct transform *a)
 {
     return a->m[3][0] == 0 && a->m[3][1] == 0 && a->m[3][2] == 0 && a->m[3][3] == 1;

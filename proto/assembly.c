@@ -1,6 +1,7 @@
 #include "proto/assembly.h"
 
 #include "common/err.h"
+#include "common/pages.h"
 #include "common/scene.h"
 #include "proto/bundle.h"
 #include "proto/cache.h"
@@ -169,6 +170,8 @@ static bool begin_part(struct part *part, const Pathfarm__ObjectSlice *message, 
     /* Pages, so that a large object costs memory only as it arrives, zeros included */
     void *memory = mmap(NULL, part->size + END_PADDING, PROT_READ | PROT_WRITE,
                         MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+    if (memory != MAP_FAILED)
+        pages_prefer_huge(memory, part->size);
     struct digest *slices = malloc(list->len);
     uint8_t *have = calloc(part->slice_count, 1);
     if (memory == MAP_FAILED || slices == NULL || have == NULL) {

@@ -14,6 +14,7 @@
 #include "common/hash.h"
 #include "common/lane.h"
 #include "common/stats.h"
+#include "tests/expect.h"
 #include "worker/kernel/frame.h"
 
 #include <math.h>
@@ -24,15 +25,6 @@
 /* One test fails by chance with this probability; a planted bug must do worse than CHI2_CAUGHT */
 #define CHI2_ALPHA  1e-5
 #define CHI2_CAUGHT 1e-8
-
-/* Fails with the numbers, and where they were wanted */
-#define EXPECT_NEAR(got, want, tolerance)                                                      \
-    do {                                                                                       \
-        double got_ = (double)(got), want_ = (double)(want), by_ = (double)(tolerance);        \
-        if (!(fabs(got_ - want_) <= by_))                                                      \
-            fail_msg("%s:%d: %s is %.10g, want %.10g +- %.3g", __FILE__, __LINE__, #got, got_, \
-                     want_, by_);                                                              \
-    } while (0)
 
 struct random_lanes {
     uint64_t seed, next;

@@ -5,7 +5,7 @@ export PATHFARM_WORKER_ARGS=
 
 channels="A depth.Z position.X position.Y normal.Z geometric_normal.X albedo.R
 CryptoObject00.R CryptoObject00.G CryptoMaterial00.R CryptoMaterial00.B"
-all=alpha,depth,position,normal,geometric_normal,albedo,object,material
+all=alpha,depth,position,normal,geometric_normal,albedo,motion,object,material
 
 # The digest of one channel of a picture
 channel() {
@@ -17,7 +17,7 @@ render plain --spp 64 || fail "no layers"
 render one --spp 64 --aov $all --workers 1 --threads 1 || fail "one worker"
 render two --spp 64 --aov $all --workers 2 --threads 1 --lease-nodes 1,1 || fail "two workers"
 render threads --spp 64 --aov alpha --aov depth,position,normal,geometric_normal \
-    --aov albedo,object,material --threads 2 --lanes 1 --kernel everything || fail "one lane"
+    --aov albedo,motion,object,material --threads 2 --lanes 1 --kernel everything || fail "one lane"
 for other in one two threads; do
     same_pixels plain "$other"
 done
@@ -54,6 +54,5 @@ refused() { # WORDS OPTIONS...: the render is refused with these words
 }
 refused "the nearest is depth" --aov depht
 refused "there are alpha" --aov ""
-refused "motion vectors need" --aov depth,motion
 refused "neither float nor half" --exr-type double
 refused "none of zip" --exr-compression dwaa

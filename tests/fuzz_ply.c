@@ -1,7 +1,7 @@
 /*
  * libFuzzer target: any bytes as a PLY file. Not built by default:
  *   clang -g -O1 -fsanitize=fuzzer,address,undefined -D_GNU_SOURCE -Wno-psabi -I. tests/fuzz_ply.c
- *       common/err.c master/{ply,number,growing}.c -lz -lm -o fuzz_ply
+ *       common/{err,pages}.c master/{ply,number,growing}.c -lz -lm -o fuzz_ply
  *   ./fuzz_ply -max_len=65536 -malloc_limit_mb=68 corpus
  */
 #include "common/err.h"

@@ -17,6 +17,7 @@
 #include "common/effects.h"
 #include "common/err.h"
 #include "common/scene.h"
+#include "worker/kernel/instance.h"
 #include "worker/kernel/kernel.h"
 #include "worker/profile.h"
 
@@ -171,6 +172,69 @@ static inline void scenes_sky(struct scene *scene, float L)
     scene->settings.sky_light = scenes_light(scene, (struct light){ .kind = LIGHT_SKY });
 }
 
+/* ---- groups, instances, motion */
+
+/* Row-major inverse of the affine map, in double */
+static inline void scenes_invert(const double m[3][4], double out[3][4])
+{
+    double det = 0;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++) {
+            int a = (j + 1) % 3, b = (j + 2) % 3, c = (i + 1) % 3, d = (i + 2) % 3;
+            out[i][j] = m[a][c] * m[b][d] - m[a][d] * m[b][c];
+        }
+    for (int i = 0; i < 3; i++)
+        det += m[0][i] * out[i][0];
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            out[i][j] /= det;
+    for (int i = 0; i < 3; i++)
+        out[i][3] = -(out[i][0] * m[0][3] + out[i][1] * m[1][3] + out[i][2] * m[2][3]);
+}
+
+/* From here on shapes belong to a group */
+static inline void scenes_group_begin(struct scene *scene)
+{
+    scene->groups[scene->group_count++] = (struct group){ .first_mesh = scene->mesh_count,
+                                                          .first_quadric = scene->quadric_count };
+}
+
+static inline void scenes_group_end(struct scene *scene)
+{
+    struct group *group = &scene->groups[scene->group_count - 1];
+    group->mesh_count = scene->mesh_count - group->first_mesh;
+    group->quadric_count = scene->quadric_count - group->first_quadric;
+}
+
+/* One more instance of a group */
+static inline struct instance *scenes_place(struct scene *scene, uint32_t group,
+                                            const double m[3][4])
+{
+    struct instance *instance = &scene->instances[scene->instance_count++];
+    double inverse[3][4];
+    scenes_invert(m, inverse);
+    *instance = (struct instance){ .group = group };
+    for (int i = 0; i < 12; i++) {
+        instance->to_world[i] = (float)m[i / 4][i % 4];
+        instance->to_object[i] = (float)inverse[i / 4][i % 4];
+        scene->settings.bounds_max[i % 3] = 100;
+    }
+    return instance;
+}
+
+/* A motion along a straight line; 1 + its index */
+static inline uint32_t scenes_glide(struct scene *scene, float x, float y, float z)
+{
+    struct motion *motion = &scene->motions[scene->motion_count++];
+    *motion = (struct motion){ .translation[1] = { x, y, z } };
+    for (int end = 0; end < 2; end++) {
+        motion->rotation[end][3] = 1;
+        for (int i = 0; i < 9; i += 4)
+            motion->stretch[end][i] = 1;
+    }
+    return scene->motion_count;
+}
+
 /* Lights that have no probability yet share it evenly; bounds and the effect mask follow */
 static inline void scenes_finish(struct scene *scene)
 {
@@ -191,6 +255,43 @@ static inline void scenes_finish(struct scene *scene)
     for (uint32_t i = 0; i < scene->mesh_count; i++)
         s->has_normals |= scene->meshes[i].flags & MESH_NORMALS;
     s->effects = scene_effects(scene);
+}
+
+/* ---- rays */
+
+/* The nearest hits of eight rays, as the path kernel resolves them */
+struct scenes_hit {
+    i8 hit, geometry, prim, instance; /* instance: -1 outside of them */
+    f8 t;
+};
+
+static inline struct scenes_hit scenes_intersect(const struct kernel_scene *ks, struct vec3x8 o,
+                                                 struct vec3x8 d, f8 time)
+{
+    _Alignas(32) int32_t valid[LANES];
+    struct RTCRayHit8 ray;
+    memset(&ray, 0, sizeof(ray));
+    i8_store(valid, I8(-1));
+    f8_store(ray.ray.org_x, o.x);
+    f8_store(ray.ray.org_y, o.y);
+    f8_store(ray.ray.org_z, o.z);
+    f8_store(ray.ray.dir_x, d.x);
+    f8_store(ray.ray.dir_y, d.y);
+    f8_store(ray.ray.dir_z, d.z);
+    f8_store(ray.ray.tfar, F8(__builtin_inff()));
+    f8_store(ray.ray.time, time);
+    i8_store(ray.ray.mask, I8(-1));
+    i8_store(ray.hit.geomID, I8(-1));
+    i8_store(ray.hit.instID[0], I8(-1));
+    rtc_intersect8(valid, ks->rtc, &ray);
+    struct scenes_hit found = { .geometry = i8_load(ray.hit.geomID),
+                                .prim = i8_load(ray.hit.primID),
+                                .instance = i8_load(ray.hit.instID[0]),
+                                .t = f8_load(ray.ray.tfar) };
+    found.hit = found.geometry != -1;
+    i8 inside = instance_resolve(ks, found.hit, found.instance, &found.geometry, &found.prim);
+    found.instance = i8_select(inside, found.instance, I8(-1));
+    return found;
 }
 
 /* ---- pictures */

@@ -28,6 +28,8 @@ static struct scene *wall_and_ball(void)
     return scene;
 }
 
+static const double nowhere_else[3][4] = { { 1, 0, 0, 0 }, { 0, 1, 0, 0 }, { 0, 0, 1, 0 } };
+
 struct how {
     uint32_t aovs, samples, lanes, kernel;
     uint64_t leaf;
@@ -206,6 +208,10 @@ static void lanes_variants_and_instruction_sets_change_no_bit(void **state)
     uint32_t glass = scenes_material(scene,
                                      (struct material){ .kind = MATERIAL_DIELECTRIC, .ior = 1.5f });
     scenes_quadric(scene, QUADRIC_SPHERE, 2, -1, 4, 1, glass, 0);
+    scenes_group_begin(scene);
+    scenes_quadric(scene, QUADRIC_SPHERE, 1, 1, 4, 0.5f, 0, 0);
+    scenes_group_end(scene);
+    scenes_place(scene, 0, nowhere_else)->motion = scenes_glide(scene, 0.5f, 0.5f, 0);
     scenes_finish(scene);
     const struct how hows[] = {
         { .aovs = AOV_ALL, .samples = 4 },
@@ -279,6 +285,168 @@ static void the_albedo_is_what_a_material_scatters_in_all(void **state)
     }
 }
 
+/* ---- instances, motion */
+
+/* A wall at z = 5 as far as the camera sees, in a group or not */
+static void add_wall(struct scene *scene, bool in_group)
+{
+    const float wall[4][3] = { { -99, -99, 5 }, { -99, 99, 5 }, { 99, 99, 5 }, { 99, -99, 5 } };
+    if (in_group)
+        scenes_group_begin(scene);
+    scenes_quad(scene, wall, scenes_diffuse(scene, 0.5f), 0);
+    if (in_group)
+        scenes_group_end(scene);
+}
+
+static double average(const struct node_sums *sums, enum aov aov, uint32_t component,
+                      uint32_t pixel)
+{
+    return value(sums, AOV_ALL, aov, component, pixel) / coverage(sums, pixel);
+}
+
+static void what_does_not_move_has_no_motion(void **state)
+{
+    (void)state;
+    for (int with = 0; with < 2; with++) { /* something else moves, out of sight */
+        struct scene *scene = wall_and_ball();
+        if (with) {
+            scenes_group_begin(scene);
+            scenes_quadric(scene, QUADRIC_SPHERE, 0, 0, -9, 1, 0, 0);
+            scenes_group_end(scene);
+            scenes_place(scene, 0, nowhere_else)->motion = scenes_glide(scene, 1, 0, 0);
+            scenes_finish(scene);
+        }
+        struct node_sums *sums = leaf_of(scene, (struct how){ .aovs = AOV_ALL, .samples = 4 });
+        for (uint32_t pixel = 0; pixel < SIDE * SIDE; pixel++)
+            for (uint32_t i = 0; i < 2; i++)
+                assert_true(value(sums, AOV_ALL, AOV_MOTION, i, pixel) == 0);
+        node_sums_free(sums);
+        scene_free(scene);
+    }
+}
+
+/* Of a wall that glides by (x, y, 0): a pixel is 10 / SIDE wide there */
+static void motion_of_things_is_in_pixels(void **state)
+{
+    (void)state;
+    const struct {
+        float x, y, open, close, share; /* of the way that is seen */
+    } rows[] = { { 0.5f, 0.25f, 0, 1, 1 },
+                 { -2, 1, 0.25f, 0.75f, 0.5f },
+                 { 3, 0, -1, 0.5f, 0.5f } };
+    for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
+        struct scene *scene = scenes_begin(SIDE, SIDE);
+        add_wall(scene, true);
+        scenes_place(scene, 0, nowhere_else)->motion = scenes_glide(scene, rows[i].x, rows[i].y, 0);
+        scene->settings.shutter[0] = rows[i].open;
+        scene->settings.shutter[1] = rows[i].close;
+        scenes_finish(scene);
+        struct node_sums *sums = leaf_of(scene, (struct how){ .aovs = AOV_ALL, .samples = 4 });
+        double scale = (double)rows[i].share * SIDE / 10;
+        for (uint32_t pixel = 0; pixel < SIDE * SIDE; pixel++) {
+            near(average(sums, AOV_MOTION, 0, pixel), (double)rows[i].x * scale, 1e-4, pixel);
+            near(average(sums, AOV_MOTION, 1, pixel), (double)-rows[i].y * scale, 1e-4, pixel);
+            near(average(sums, AOV_DEPTH, 0, pixel), 5, 1e-5, pixel);
+        }
+        node_sums_free(sums);
+        scene_free(scene);
+    }
+}
+
+/* The camera goes 2 towards the wall: what is seen moves away from the middle, and the depth of a
+ * sample is that of its own time */
+static void a_moving_camera_has_motion_and_a_depth_of_its_time(void **state)
+{
+    (void)state;
+    struct scene *scene = scenes_begin(SIDE, SIDE);
+    add_wall(scene, false);
+    scene->settings.camera_motion = scenes_glide(scene, 0, 0, 2);
+    scenes_finish(scene);
+    struct node_sums *sums = leaf_of(scene, (struct how){ .aovs = AOV_ALL, .samples = 1 });
+    double least = 9, most = 0;
+    for (uint32_t pixel = 0; pixel < SIDE * SIDE; pixel++) {
+        double depth = average(sums, AOV_DEPTH, 0, pixel);
+        least = fmin(least, depth);
+        most = fmax(most, depth);
+        near(average(sums, AOV_POSITION, 2, pixel), 5, 1e-5, pixel);
+        for (uint32_t axis = 0; axis < 2; axis++) {
+            double p = average(sums, AOV_POSITION, axis, pixel) * (axis == 0 ? 1 : -1);
+            near(average(sums, AOV_MOTION, axis, pixel), (p / 3 - p / 5) * SIDE / 2, 2e-4, pixel);
+        }
+        /* It is seen where it is from the place that the camera had */
+        double x = (average(sums, AOV_POSITION, 0, pixel) / depth + 1) / 2 * SIDE;
+        assert_true(x > pixel % SIDE - 1e-3 && x < pixel % SIDE + 1 + 1e-3);
+    }
+    assert_true(least >= 3 && least < 3.02 && most <= 5 && most > 4.98);
+    node_sums_free(sums);
+    scene_free(scene);
+}
+
+/* A camera that goes along with the wall sees it stand still; one that passes the point has lost
+ * it, and so has one that looks away */
+static void motion_is_what_the_camera_sees_of_it(void **state)
+{
+    (void)state;
+    for (int row = 0; row < 3; row++) {
+        struct scene *scene = scenes_begin(SIDE, SIDE);
+        add_wall(scene, true);
+        scenes_place(scene, 0, nowhere_else)->motion = scenes_glide(scene, 7, 3, -2);
+        scene->settings.camera_motion = row == 0 ? scenes_glide(scene, 7, 3, -2)
+                                                 : scenes_glide(scene, 0, 0, row == 1 ? 6 : 0);
+        if (row == 2) { /* half a turn about y */
+            struct motion *turn = &scene->motions[scene->motion_count - 1];
+            turn->rotation[1][3] = 0;
+            turn->rotation[1][1] = 1;
+            turn->angle = (float)(M_PI / 2);
+        }
+        scenes_finish(scene);
+        struct node_sums *sums = leaf_of(scene, (struct how){ .aovs = AOV_ALL, .samples = 1 });
+        unsigned seen = 0;
+        for (uint32_t pixel = 0; pixel < SIDE * SIDE; pixel++) {
+            if (coverage(sums, pixel) == 0)
+                continue;
+            seen++;
+            near(average(sums, AOV_MOTION, 0, pixel), 0, 1e-4, pixel);
+            near(average(sums, AOV_MOTION, 1, pixel), 0, 1e-4, pixel);
+        }
+        assert_true(seen > SIDE);
+        node_sums_free(sums);
+        scene_free(scene);
+    }
+}
+
+/* Behind the shapes of the world, and those of groups, come the instances */
+static void every_instance_is_an_object(void **state)
+{
+    (void)state;
+    struct scene *scene = scenes_begin(SIDE, SIDE);
+    uint32_t grey = scenes_diffuse(scene, 0.5f);
+    const double left[3][4] = { { 1, 0, 0, -2 }, { 0, 1, 0, 0 }, { 0, 0, 1, 0 } };
+    const double right[3][4] = { { 1, 0, 0, 2 }, { 0, 1, 0, 0 }, { 0, 0, 1, 0 } };
+    const float square[4][3] = { { -1, -2, 4 }, { -1, 0, 4 }, { 1, 0, 4 }, { 1, -2, 4 } };
+    add_wall(scene, false);
+    scenes_group_begin(scene);
+    scenes_quad(scene, square, grey, 0);
+    scenes_quadric(scene, QUADRIC_SPHERE, 0, 1.5f, 4, 0.75f, grey, 0);
+    scenes_group_end(scene);
+    scenes_place(scene, 0, left);
+    scenes_place(scene, 0, right);
+    scenes_finish(scene);
+    struct node_sums *sums = leaf_of(scene, (struct how){ .aovs = AOV_ALL, .samples = 1 });
+    unsigned found[6] = { 0 };
+    for (uint32_t pixel = 0; pixel < SIDE * SIDE; pixel++) {
+        unsigned object = (unsigned)value(sums, AOV_ALL, AOV_OBJECT, 0, pixel);
+        assert_in_range(object, 1, 5);
+        found[object]++;
+        double x = average(sums, AOV_POSITION, 0, pixel);
+        assert_true(object == 1 || (object == 4 ? x < 0 : x > 0));
+    }
+    assert_true(found[1] > 500 && found[4] > 80 && found[5] > 80);
+    assert_int_equal(found[2] + found[3], 0); /* nobody sees a group itself */
+    node_sums_free(sums);
+    scene_free(scene);
+}
+
 static void only_the_first_samples_keep_identities(void **state)
 {
     (void)state;
@@ -340,6 +508,11 @@ int main(void)
         cmocka_unit_test(a_layer_is_the_same_bits_whoever_asks_for_what),
         cmocka_unit_test(lanes_variants_and_instruction_sets_change_no_bit),
         cmocka_unit_test(the_albedo_is_what_a_material_scatters_in_all),
+        cmocka_unit_test(what_does_not_move_has_no_motion),
+        cmocka_unit_test(motion_of_things_is_in_pixels),
+        cmocka_unit_test(a_moving_camera_has_motion_and_a_depth_of_its_time),
+        cmocka_unit_test(motion_is_what_the_camera_sees_of_it),
+        cmocka_unit_test(every_instance_is_an_object),
         cmocka_unit_test(only_the_first_samples_keep_identities),
         cmocka_unit_test(bad_radiance_leaves_the_layers_alone),
         cmocka_unit_test(a_spec_that_contradicts_itself_is_refused),

@@ -19,64 +19,6 @@
 
 typedef double matrix[3][4];
 
-/* Row-major inverse of the affine map, in double */
-static void invert(const double m[3][4], double out[3][4])
-{
-    double det = 0;
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++) {
-            int a = (j + 1) % 3, b = (j + 2) % 3, c = (i + 1) % 3, d = (i + 2) % 3;
-            out[i][j] = m[a][c] * m[b][d] - m[a][d] * m[b][c];
-        }
-    for (int i = 0; i < 3; i++)
-        det += m[0][i] * out[i][0];
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < 3; j++)
-            out[i][j] /= det;
-    for (int i = 0; i < 3; i++)
-        out[i][3] = -(out[i][0] * m[0][3] + out[i][1] * m[1][3] + out[i][2] * m[2][3]);
-}
-
-/* From here on shapes belong to a group */
-static void group_begin(struct scene *scene)
-{
-    scene->groups[scene->group_count++] = (struct group){ .first_mesh = scene->mesh_count,
-                                                          .first_quadric = scene->quadric_count };
-}
-
-static void group_end(struct scene *scene)
-{
-    struct group *group = &scene->groups[scene->group_count - 1];
-    group->mesh_count = scene->mesh_count - group->first_mesh;
-    group->quadric_count = scene->quadric_count - group->first_quadric;
-}
-
-static struct instance *place(struct scene *scene, uint32_t group, const double m[3][4])
-{
-    struct instance *instance = &scene->instances[scene->instance_count++];
-    double inverse[3][4];
-    invert(m, inverse);
-    *instance = (struct instance){ .group = group };
-    for (int i = 0; i < 12; i++) {
-        instance->to_world[i] = (float)m[i / 4][i % 4];
-        instance->to_object[i] = (float)inverse[i / 4][i % 4];
-        scene->settings.bounds_max[i % 3] = 100;
-    }
-    return instance;
-}
-
-static uint32_t glide(struct scene *scene, float x, float y, float z)
-{
-    struct motion *motion = &scene->motions[scene->motion_count++];
-    *motion = (struct motion){ .translation[1] = { x, y, z } };
-    for (int end = 0; end < 2; end++) {
-        motion->rotation[end][3] = 1;
-        for (int i = 0; i < 9; i += 4)
-            motion->stretch[end][i] = 1;
-    }
-    return scene->motion_count;
-}
-
 /* Every kind of map: rigid, stretched, sheared, mirrored, tiny, far */
 static const struct {
     const char *name;
@@ -102,7 +44,7 @@ static struct scene *soup(const double m[3][4], float at)
     struct scene *scene = scenes_begin(1, 1);
     uint32_t white = scenes_diffuse(scene, 0.5f);
     struct random_lanes r = { 3, 0 };
-    group_begin(scene);
+    scenes_group_begin(scene);
     for (int i = 0; i < SOUP; i++) {
         float corners[3][3];
         double size = pow(10, -2 * random_double(&r)), middle[3];
@@ -113,52 +55,18 @@ static struct scene *soup(const double m[3][4], float at)
                 corners[k][axis] = at + (float)(middle[axis] + size * (random_double(&r) - 0.5));
         scenes_polygon(scene, (const float(*)[3])corners, 3, white, 0);
     }
-    group_end(scene);
-    place(scene, 0, m);
+    scenes_group_end(scene);
+    scenes_place(scene, 0, m);
     scenes_finish(scene);
     return scene;
 }
 
 /* ---- rays */
 
-struct found {
-    i8 hit, geometry, prim, instance;
-    f8 t;
-};
-
-static struct found intersect(const struct kernel_scene *ks, struct vec3x8 o, struct vec3x8 d,
-                              f8 time)
-{
-    _Alignas(32) int32_t valid[LANES];
-    struct RTCRayHit8 ray;
-    memset(&ray, 0, sizeof(ray));
-    i8_store(valid, I8(-1));
-    f8_store(ray.ray.org_x, o.x);
-    f8_store(ray.ray.org_y, o.y);
-    f8_store(ray.ray.org_z, o.z);
-    f8_store(ray.ray.dir_x, d.x);
-    f8_store(ray.ray.dir_y, d.y);
-    f8_store(ray.ray.dir_z, d.z);
-    f8_store(ray.ray.tfar, F8(__builtin_inff()));
-    f8_store(ray.ray.time, time);
-    i8_store(ray.ray.mask, I8(-1));
-    i8_store(ray.hit.geomID, I8(-1));
-    i8_store(ray.hit.instID[0], I8(-1));
-    rtc_intersect8(valid, ks->rtc, &ray);
-    struct found found = { .geometry = i8_load(ray.hit.geomID),
-                           .prim = i8_load(ray.hit.primID),
-                           .instance = i8_load(ray.hit.instID[0]),
-                           .t = f8_load(ray.ray.tfar) };
-    found.hit = found.geometry != -1;
-    i8 inside = instance_resolve(ks, found.hit, found.instance, &found.geometry, &found.prim);
-    found.instance = i8_select(inside, found.instance, I8(-1));
-    return found;
-}
-
 /* As the path kernel does it; `object` is the surface before it came back to the world */
 static __attribute__((noinline)) struct surface8 surface(const struct kernel_scene *ks,
-                                                         const struct found *found, struct vec3x8 o,
-                                                         struct vec3x8 d, f8 time,
+                                                         const struct scenes_hit *found,
+                                                         struct vec3x8 o, struct vec3x8 d, f8 time,
                                                          struct surface8 *object)
 {
     i8 inside = found->instance != -1;
@@ -213,7 +121,7 @@ static void points_and_normals_are_those_of_a_flattened_copy(void **state) /* H1
             struct vec3x8 o, d;
             struct surface8 object;
             aim(&r, m, 0, &o, &d);
-            struct found found = intersect(ks, o, d, F8(0));
+            struct scenes_hit found = scenes_intersect(ks, o, d, F8(0));
             struct surface8 s = surface(ks, &found, o, d, F8(0), &object);
             for (int lane = 0; lane < LANES; lane++) {
                 if (!found.hit[lane])
@@ -287,17 +195,17 @@ static void rays_that_leave_an_instance_do_not_meet_it_again(void **state) /* H1
                 struct vec3x8 o, d, out = random_direction(&r);
                 struct surface8 object;
                 aim(&r, maps[i].m, at, &o, &d);
-                struct found found = intersect(ks, o, d, F8(0));
+                struct scenes_hit found = scenes_intersect(ks, o, d, F8(0));
                 struct surface8 s = surface(ks, &found, o, d, F8(0), &object);
                 f8 side = vec3x8_dot(out, s.ng);
                 struct vec3x8 start = vec3x8_along(s.p, s.ng, f8_mulsign(s.spawn, side));
-                struct found next = intersect(ks, start, out, F8(0));
+                struct scenes_hit next = scenes_intersect(ks, start, out, F8(0));
                 again += (unsigned)__builtin_popcount(
                     i8_bits(found.hit & next.hit & (next.geometry == found.geometry)));
                 total += (unsigned)__builtin_popcount(i8_bits(found.hit));
                 /* Planted: only the rounding in the group's own space */
                 start = vec3x8_along(s.p, s.ng, f8_mulsign(object.spawn, side));
-                next = intersect(ks, start, out, F8(0));
+                next = scenes_intersect(ks, start, out, F8(0));
                 planted += (unsigned)__builtin_popcount(
                     i8_bits(found.hit & next.hit & (next.geometry == found.geometry)));
             }
@@ -327,12 +235,12 @@ static struct scene *room(bool instanced, bool moving)
         { -1, -.5f, 0 }, { -1, 1, .5f }, { 0, 1, .25f }, { 0, -.5f, -.25f }
     };
     if (instanced)
-        group_begin(scene);
+        scenes_group_begin(scene);
     for (int copy = 0; copy < (instanced ? 1 : 3); copy++) {
         matrix m = { { 1, 0, 0, 0 }, { 0, 1, 0, 0 }, { 0, 0, 1, 0 } }, inverse;
         if (!instanced)
             memcpy(m, at[copy], sizeof(m));
-        invert((const double(*)[4])m, inverse);
+        scenes_invert((const double(*)[4])m, inverse);
         float corners[4][3];
         for (int k = 0; k < 4; k++)
             for (int i = 0; i < 3; i++)
@@ -353,12 +261,12 @@ static struct scene *room(bool instanced, bool moving)
         q->flags = 0;
     }
     if (instanced) {
-        group_end(scene);
+        scenes_group_end(scene);
         for (int i = 0; i < 3; i++)
-            place(scene, 0, at[i]);
+            scenes_place(scene, 0, at[i]);
     }
     if (moving) /* far from what is seen */
-        place(scene, 0, at[0])->motion = glide(scene, 0, 500, 0);
+        scenes_place(scene, 0, at[0])->motion = scenes_glide(scene, 0, 500, 0);
     if (moving)
         scene->motions[0].translation[0][1] = 500;
     scenes_finish(scene);
@@ -438,10 +346,10 @@ static void a_gliding_sheet_covers_each_column_for_its_time(void **state)
     uint32_t black = scenes_diffuse(scene, 0);
     const float sheet[4][3] = { { -1, -2, 1 }, { -.5f, -2, 1 }, { -.5f, 2, 1 }, { -1, 2, 1 } };
     scenes_sky(scene, 1);
-    group_begin(scene);
+    scenes_group_begin(scene);
     scenes_quad(scene, sheet, black, 0);
-    group_end(scene);
-    place(scene, 0, maps[0].m)->motion = glide(scene, 1.5f, 0, 0);
+    scenes_group_end(scene);
+    scenes_place(scene, 0, maps[0].m)->motion = scenes_glide(scene, 1.5f, 0, 0);
     scenes_finish(scene);
     const uint32_t samples = 256;
     for (int planted = 0; planted < 2; planted++) {
@@ -541,10 +449,10 @@ static void rays_of_any_time_find_what_turns(void **state)
     (void)state;
     struct scene *scene = scenes_begin(1, 1);
     uint32_t white = scenes_diffuse(scene, 0.5f);
-    group_begin(scene);
+    scenes_group_begin(scene);
     scenes_quadric(scene, QUADRIC_SPHERE, 3, 0, 0, 0.25f, white, 0);
-    group_end(scene);
-    place(scene, 0, maps[0].m)->motion = glide(scene, 0, 0, 0);
+    scenes_group_end(scene);
+    scenes_place(scene, 0, maps[0].m)->motion = scenes_glide(scene, 0, 0, 0);
     struct motion *m = &scene->motions[0];
     m->rotation[1][2] = 1; /* half a turn about z */
     m->rotation[1][3] = 0;
@@ -562,7 +470,7 @@ static void rays_of_any_time_find_what_turns(void **state)
             middle.z[lane] = 0;
         }
         struct vec3x8 d = random_direction(&r), o = vec3x8_sub(middle, d);
-        struct found found = intersect(ks, o, d, time);
+        struct scenes_hit found = scenes_intersect(ks, o, d, time);
         if (i8_bits(found.hit) != 255)
             fail_msg("round %d: %x hit", i, i8_bits(found.hit));
         struct surface8 object, s = surface(ks, &found, o, d, time, &object);
@@ -570,7 +478,7 @@ static void rays_of_any_time_find_what_turns(void **state)
         EXPECT_NEAR(radius[i % 8], 0.25, 4e-6);
         struct vec3x8 out = random_direction(&r);
         f8 side = vec3x8_dot(out, s.ng);
-        struct found next = intersect(ks, vec3x8_along(s.p, s.ng, s.spawn), out, time);
+        struct scenes_hit next = scenes_intersect(ks, vec3x8_along(s.p, s.ng, s.spawn), out, time);
         again += (unsigned)__builtin_popcount(i8_bits(next.hit & (side > 0)));
     }
     assert_int_equal(again, 0);

@@ -1,9 +1,7 @@
 /* Goal: a glTF file becomes the scene that glTF means by it, real files are read without leniency,
  * and what is wrong, hostile or approximated is said. */
-#include "common/err.h"
-#include "common/scene.h"
 #include "master/gltf.h"
-#include "master/scene_notes.h"
+#include "tests/reader_text.h"
 #include "tests/scratch.h"
 
 #include <glob.h>
@@ -18,13 +16,6 @@
 #include <cmocka.h>
 
 #define PI 3.14159265358979323846
-
-#define EXPECT_NEAR(got, want, tolerance)                                           \
-    do {                                                                            \
-        double got_ = (got), want_ = (want);                                        \
-        if (!(fabs(got_ - want_) <= (tolerance)))                                   \
-            fail_msg("line %d: %s is %.9g, not %.9g", __LINE__, #got, got_, want_); \
-    } while (0)
 
 /* 2 x 2: red, green with alpha 0; blue, white with alpha 128 */
 #define PNG_2X2                                                                              \
@@ -107,14 +98,6 @@ static struct scene *scene_of(const char *rest)
     return scene;
 }
 
-static bool says(const struct scene_notes *notes, const char *text)
-{
-    for (size_t i = 0; i < notes->count; i++)
-        if (strstr(notes->lines[i], text) != NULL)
-            return true;
-    return false;
-}
-
 static void expect_note(const char *rest, const char *text)
 {
     struct err err = { .text = "" };
@@ -122,7 +105,7 @@ static void expect_note(const char *rest, const char *text)
     struct scene *scene = read_document(rest, NULL, &notes, &err);
     if (scene == NULL)
         fail_msg("%s", err.text);
-    if (!says(&notes, text))
+    if (!notes_saying(&notes, text))
         fail_msg("no note says \"%s\"; the first is: %s", text,
                  notes.count > 0 ? notes.lines[0] : "none");
     scene_notes_free(&notes);
@@ -917,7 +900,7 @@ static void broken_pictures_fail_or_are_left_out(void **state)
     struct scene *scene = read_document(text, &lenient, &notes, &err);
     assert_non_null(scene);
     assert_int_equal(notes.warnings, 1);
-    assert_true(says(&notes, "images[0]: this picture is not supported"));
+    assert_true(notes_saying(&notes, "images[0]: this picture is not supported"));
     scene_notes_free(&notes);
     scene_free(scene);
 }

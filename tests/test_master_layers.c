@@ -24,6 +24,9 @@
 #define PIXELS 6 /* three by two, at (10, 20) of a larger picture */
 
 static struct mesh meshes[3];
+static struct group groups[2];
+static struct instance instances[3] = { { .group = 1 }, { .group = 0 }, { .group = 1 } };
+static struct scene_name group_names[1] = { { 1, "tree" } };
 static struct scene_name names[1] = { { 1, "red \"velvet\"" } };
 
 static struct scene small_scene(void)
@@ -35,6 +38,12 @@ static struct scene small_scene(void)
                            .meshes = meshes,
                            .mesh_count = 3,
                            .material_count = 2,
+                           .groups = groups,
+                           .group_count = 2,
+                           .instances = instances,
+                           .instance_count = 3,
+                           .group_names = group_names,
+                           .group_name_count = 1,
                            .material_names = names,
                            .material_name_count = 1 };
 }
@@ -158,6 +167,45 @@ static void identities_are_ranked_by_their_coverage(void **state)
     memcpy(&bits, &id, sizeof(bits));
     snprintf(want, sizeof(want), "\"object 2\":\"%08x\"", bits);
     assert_non_null(strstr(image_attribute(image, name), want));
+    image_free(image);
+}
+
+/* Behind three meshes */
+static void fill_instances(struct node_sums *sums, uint32_t replicate)
+{
+    static const float seen[2][AOV_ID_SAMPLES] = { { 4, 4, 4, 4 }, { 6, 6, 6, 5 } };
+    for (uint32_t s = 0; s < AOV_ID_SAMPLES; s++)
+        sums->values[(aov_channel(IDS, AOV_OBJECT) + s) * PIXELS] = seen[replicate][s];
+}
+
+static void every_instance_has_an_identity_of_its_own(void **state)
+{
+    (void)state;
+    struct image *image = picture_of(IDS, fill_instances);
+    assert_true(image_channel(image, "CryptoObject00.R")[0] == cryptomatte_id("tree#0"));
+    assert_true(image_channel(image, "CryptoObject00.B")[0] == cryptomatte_id("tree#2"));
+    assert_true(image_channel(image, "CryptoObject01.R")[0] == cryptomatte_id("instance#1"));
+    assert_true(image_channel(image, "CryptoObject01.G")[0] == 1 / 8.f);
+    image_free(image);
+}
+
+#define MOVES (1u << AOV_MOTION)
+
+/* Two hits in replicate 0, six in replicate 1 */
+static void fill_motion(struct node_sums *sums, uint32_t replicate)
+{
+    sums->values[AOV_COVERAGE_CHANNEL * PIXELS + 2] = replicate == 0 ? 2 : 6;
+    sums->values[aov_channel(MOVES, AOV_MOTION) * PIXELS + 2] = replicate == 0 ? 4 : 12;
+    sums->values[(aov_channel(MOVES, AOV_MOTION) + 1) * PIXELS + 2] = replicate == 0 ? -1 : 5;
+}
+
+static void motion_is_an_average_over_the_hits(void **state)
+{
+    (void)state;
+    struct image *image = picture_of(MOVES, fill_motion);
+    assert_true(image_channel(image, "motion.X")[2] == 2);
+    assert_true(image_channel(image, "motion.Y")[2] == 0.5f);
+    assert_true(image_channel(image, "motion.X")[3] == 0);
     image_free(image);
 }
 
@@ -294,6 +342,8 @@ int main(void)
         cmocka_unit_test(layers_are_averages_over_the_hits_in_world_space),
         cmocka_unit_test(identities_are_ranked_by_their_coverage),
         cmocka_unit_test(materials_keep_the_names_of_the_file),
+        cmocka_unit_test(every_instance_has_an_identity_of_its_own),
+        cmocka_unit_test(motion_is_an_average_over_the_hits),
         cmocka_unit_test(names_hash_as_everywhere),
         cmocka_unit_test(only_the_six_that_cover_most_are_kept),
         cmocka_unit_test(every_compression_keeps_every_bit),

@@ -1,11 +1,8 @@
 /* Goal: pbrt text becomes the scene that pbrt means by it, real files are read without leniency,
  * and whatever is wrong is said with its position. */
 #include "common/effects.h"
-#include "common/err.h"
-#include "common/scene.h"
-#include "master/pbrt.h"
-#include "master/scene_notes.h"
 #include "master/transform.h"
+#include "tests/reader_text.h"
 #include "tests/scratch.h"
 
 #include <glob.h>
@@ -21,21 +18,9 @@
 
 #define PI 3.14159265358979323846
 
-#define EXPECT_NEAR(got, want, tolerance)                                           \
-    do {                                                                            \
-        double got_ = (got), want_ = (want);                                        \
-        if (!(fabs(got_ - want_) <= (tolerance)))                                   \
-            fail_msg("line %d: %s is %.9g, not %.9g", __LINE__, #got, got_, want_); \
-    } while (0)
-
-/* Read text that must be good */
 static struct scene *scene_of(const char *text)
 {
-    struct err err = { .text = "" };
-    struct scene *scene = pbrt_read_text(text, strlen(text), NULL, NULL, NULL, &err);
-    if (scene == NULL)
-        fail_msg("%s\nin: %s", err.text, text);
-    return scene;
+    return reader_text_scene(text, NULL, NULL);
 }
 
 #define TRI "Shape \"trianglemesh\" \"point3 P\" [0 0 0 1 0 0 0 1 0] \"integer indices\" [0 1 2] "
@@ -814,14 +799,8 @@ static const struct bad_row {
 static void everything_wrong_is_said_with_its_position(void **state)
 {
     (void)state;
-    for (size_t i = 0; i < sizeof(bad_rows) / sizeof(bad_rows[0]); i++) {
-        const struct bad_row *row = &bad_rows[i];
-        struct err err = { .text = "" };
-        struct scene *scene = pbrt_read_text(row->text, strlen(row->text), NULL, NULL, NULL, &err);
-        if (scene != NULL || strstr(err.text, row->says) == NULL || err.code != row->code)
-            fail_msg("\"%s\"\ngave %s \"%s\"\nnot \"%s\"", row->text, err_name(err.code), err.text,
-                     row->says);
-    }
+    for (size_t i = 0; i < sizeof(bad_rows) / sizeof(bad_rows[0]); i++)
+        reader_text_refused(bad_rows[i].text, NULL, bad_rows[i].code, bad_rows[i].says);
 }
 
 static void leniency_replaces_and_counts(void **state)

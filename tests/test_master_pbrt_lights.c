@@ -1,10 +1,7 @@
 /* Goal: lights with pictures are what pbrt means by them: how they are turned, how bright they are,
  * and what is wrong with a picture is said at its name. */
 #include "common/direction_map.h"
-#include "common/err.h"
-#include "common/scene.h"
-#include "master/pbrt.h"
-#include "master/scene_notes.h"
+#include "tests/reader_text.h"
 #include "tests/scratch.h"
 
 #include <math.h>
@@ -16,13 +13,6 @@
 #include <cmocka.h>
 
 #define PI 3.14159265358979323846
-
-#define EXPECT_NEAR(got, want, tolerance)                                           \
-    do {                                                                            \
-        double got_ = (double)(got), want_ = (double)(want);                        \
-        if (!(fabs(got_ - want_) <= (tolerance)))                                   \
-            fail_msg("line %d: %s is %.9g, not %.9g", __LINE__, #got, got_, want_); \
-    } while (0)
 
 static char folder[256];
 

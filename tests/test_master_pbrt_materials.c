@@ -1,11 +1,8 @@
 /* Goal: the materials of pbrt-v4 that are sheets, coats over metal, or not there are read with
  * pbrt's names and defaults. The others are test_master_pbrt's. */
 #include "common/effects.h"
-#include "common/err.h"
-#include "common/scene.h"
 #include "master/coat.h"
-#include "master/pbrt.h"
-#include "master/scene_notes.h"
+#include "tests/reader_text.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -17,44 +14,19 @@
 
 #include <cmocka.h>
 
-#define EXPECT_NEAR(got, want, tolerance)                                           \
-    do {                                                                            \
-        double got_ = (got), want_ = (want);                                        \
-        if (!(fabs(got_ - want_) <= (tolerance)))                                   \
-            fail_msg("line %d: %s is %.9g, not %.9g", __LINE__, #got, got_, want_); \
-    } while (0)
-
 /* A sphere of the material that `text` makes current */
 static struct scene *scene_with(const char *text, struct scene_notes *notes)
 {
     char whole[2000];
     snprintf(whole, sizeof(whole), "WorldBegin %s Shape \"sphere\"", text);
-    struct err err = { .text = "" };
-    struct scene *scene = pbrt_read_text(whole, strlen(whole), NULL, NULL, notes, &err);
-    if (scene == NULL)
-        fail_msg("%s\nin: %s", err.text, whole);
-    if (!scene_check(scene, &err))
-        fail_msg("%s\nin: %s", err.text, whole);
-    return scene;
-}
-
-/* Does exactly one note say so? */
-static bool noted(const struct scene_notes *notes, const char *what)
-{
-    int lines = 0;
-    for (size_t i = 0; i < notes->count; i++)
-        lines += strstr(notes->lines[i], what) != NULL;
-    return lines == 1;
+    return reader_text_scene(whole, NULL, notes);
 }
 
 static void expect_refused(const char *text, const char *why)
 {
     char whole[2000];
     snprintf(whole, sizeof(whole), "WorldBegin %s Shape \"sphere\"", text);
-    struct err err = { .text = "" };
-    struct scene *scene = pbrt_read_text(whole, strlen(whole), NULL, NULL, NULL, &err);
-    if (scene != NULL || strstr(err.text, why) == NULL)
-        fail_msg("%s: wanted \"%s\", got \"%s\"", text, why, err.text);
+    reader_text_refused(whole, NULL, ERR_OK, why);
 }
 
 static void panes_have_an_index(void **state)
@@ -96,7 +68,7 @@ static void sheets_reflect_and_transmit(void **state)
                    &notes);
     EXPECT_NEAR((double)s->materials[0].reflectance[0], 1, 0);
     EXPECT_NEAR((double)s->materials[0].specular[0], 0.5, 0);
-    assert_true(noted(&notes, "more than is received"));
+    assert_true(notes_saying(&notes, "more than is received") == 1);
     scene_notes_free(&notes);
     scene_free(s);
     expect_refused("Material \"diffusetransmission\" \"float scale\" -1", "a scale of -1");
@@ -153,6 +125,30 @@ static void coated_metals_take_both_roughnesses(void **state)
     expect_refused("Material \"coatedconductor\" \"rgb albedo\" [.1 0 0]", "not supported yet");
 }
 
+static void hundreds_of_coats_share_tables_and_that_is_said(void **state)
+{
+    (void)state;
+    static char text[60000];
+    for (int many = 0; many < 2; many++) {
+        size_t at = (size_t)snprintf(text, sizeof(text), "WorldBegin ");
+        for (int i = 0; i < (many ? 400 : 100); i++)
+            at += (size_t)snprintf(text + at, sizeof(text) - at,
+                                   "Material \"coateddiffuse\" \"float roughness\" %g "
+                                   "\"float eta\" %g Shape \"sphere\" ",
+                                   0.001 + 0.002 * i, 1.3 + 0.001 * i);
+        struct scene_notes notes = { 0 };
+        struct scene *s = reader_text_scene(text, NULL, &notes);
+        assert_int_equal(notes_saying(&notes, "different coats share tables"), many);
+        assert_in_range(s->coat_table_count, 100, 300);
+        for (uint32_t i = 0; i < s->material_count; i++) { /* the lobes stay as they are */
+            EXPECT_NEAR(s->materials[i].alpha[0], sqrt(0.001 + 0.002 * i), 1e-6);
+            EXPECT_NEAR(s->materials[i].ior, 1.3 + 0.001 * i, 1e-6);
+        }
+        scene_notes_free(&notes);
+        scene_free(s);
+    }
+}
+
 static void only_two_widths_that_differ_are_anisotropic(void **state)
 {
     (void)state;
@@ -187,7 +183,7 @@ static void interfaces_are_not_there_and_give_no_light(void **state)
         assert_int_equal(s->quadrics[0].material, SCENE_NONE);
         assert_int_equal(s->quadrics[0].light, SCENE_NONE);
         assert_int_equal(s->quadrics[1].material, 0);
-        assert_true(noted(&notes, "gives no light"));
+        assert_true(notes_saying(&notes, "gives no light") == 1);
         scene_notes_free(&notes);
         scene_free(s);
     }
@@ -258,6 +254,7 @@ int main(void)
         cmocka_unit_test(sheets_reflect_and_transmit),
         cmocka_unit_test(coated_metals_have_pbrts_defaults),
         cmocka_unit_test(coated_metals_take_both_roughnesses),
+        cmocka_unit_test(hundreds_of_coats_share_tables_and_that_is_said),
         cmocka_unit_test(only_two_widths_that_differ_are_anisotropic),
         cmocka_unit_test(interfaces_are_not_there_and_give_no_light),
         cmocka_unit_test(sheets_and_coated_metals_mix),

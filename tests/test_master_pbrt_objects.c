@@ -1,9 +1,7 @@
 /* Goal: objects and motion of pbrt text become groups, instances and motions where pbrt would put
  * them; what one place or a light makes needless is not one; and what is wrong is said. */
 #include "common/effects.h"
-#include "common/err.h"
-#include "common/scene.h"
-#include "master/pbrt.h"
+#include "tests/reader_text.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -23,20 +21,9 @@
 #define OBJECT "ObjectBegin \"o\" " TRI BALL "ObjectEnd "
 #define HERE   "ObjectInstance \"o\" "
 
-#define EXPECT_NEAR(got, want, tolerance)                                           \
-    do {                                                                            \
-        double got_ = (double)(got), want_ = (want);                                \
-        if (!(fabs(got_ - want_) <= (tolerance)))                                   \
-            fail_msg("line %d: %s is %.9g, not %.9g", __LINE__, #got, got_, want_); \
-    } while (0)
-
 static struct scene *scene_of(const char *text)
 {
-    struct err err = { .text = "" };
-    struct scene *scene = pbrt_read_text(text, strlen(text), NULL, NULL, NULL, &err);
-    if (scene == NULL)
-        fail_msg("%s\nin: %s", err.text, text);
-    return scene;
+    return reader_text_scene(text, NULL, NULL);
 }
 
 /* Corner `i` of the only triangle of a mesh, in the file's world, through an instance or not */
@@ -87,6 +74,22 @@ static void an_instance_moves_the_object_as_a_whole(void **state)
     expect_corner(scene, 1, 1, &scene->instances[1], 8, 0, 7);
     assert_int_equal(scene->meshes[1].flags & MESH_FLIP_NORMAL, 0);
     EXPECT_NEAR((double)scene->settings.bounds_max[0] + scene->settings.center[0], 10.5, 1e-5);
+    scene_free(scene);
+}
+
+static void groups_have_the_names_of_their_objects(void **state)
+{
+    (void)state;
+    struct scene *scene = scene_of(W "ActiveTransform EndTime Translate 1 0 0 " BALL
+                                     "Identity ActiveTransform All " OBJECT HERE HERE
+                                     "ObjectBegin \"tree\" " TRI
+                                     "ObjectEnd ObjectInstance \"tree\"");
+    assert_int_equal(scene->instance_count, 3);
+    assert_int_equal(scene->group_name_count, 2);
+    assert_int_equal(scene->group_names[0].index, scene->instances[1].group);
+    assert_string_equal(scene->group_names[0].text, "o");
+    assert_true(scene->group_names[1].index > scene->group_names[0].index);
+    assert_string_equal(scene->group_names[1].text, "tree");
     scene_free(scene);
 }
 
@@ -240,19 +243,15 @@ static void bad_objects_and_motions_are_refused_with_a_reason(void **state)
         { W "ObjectBegin \"a\" ActiveTransform EndTime Translate 1 0 0 " BALL,
           "inside of an object", ERR_UNSUPPORTED },
     };
-    for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
-        struct err err = { .text = "" };
-        const char *text = rows[i].text;
-        struct scene *scene = pbrt_read_text(text, strlen(text), NULL, NULL, NULL, &err);
-        if (scene != NULL || err.code != rows[i].code || strstr(err.text, rows[i].says) == NULL)
-            fail_msg("%s\ngives: %s", text, err.text);
-    }
+    for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++)
+        reader_text_refused(rows[i].text, NULL, rows[i].code, rows[i].says);
 }
 
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(an_instance_moves_the_object_as_a_whole),
+        cmocka_unit_test(groups_have_the_names_of_their_objects),
         cmocka_unit_test(far_objects_are_recentred_like_the_world),
         cmocka_unit_test(an_object_in_one_place_is_part_of_the_world),
         cmocka_unit_test(what_emits_stands_in_the_world_once_per_instance),

@@ -1,10 +1,7 @@
 /* Goal: every class and mapping of texture becomes the texture that pbrt means by it, what does not
  * vary becomes a number, and whatever is wrong is said with its position. */
 #include "common/effects.h"
-#include "common/err.h"
-#include "common/scene.h"
-#include "master/pbrt.h"
-#include "master/scene_notes.h"
+#include "tests/reader_text.h"
 #include "tests/scratch.h"
 
 #include <math.h>
@@ -16,29 +13,13 @@
 
 #include <cmocka.h>
 
-#define EXPECT_NEAR(got, want, tolerance)                                           \
-    do {                                                                            \
-        double got_ = (got), want_ = (want);                                        \
-        if (!(fabs(got_ - want_) <= (tolerance)))                                   \
-            fail_msg("line %d: %s is %.9g, not %.9g", __LINE__, #got, got_, want_); \
-    } while (0)
-
 static char folder[256];
 
 /* --- Scenes ------------------------------------------------------------------------------- */
 
-static struct scene *try_scene(const char *text, struct scene_notes *notes, struct err *err)
-{
-    return pbrt_read_text(text, strlen(text), scratch_path(folder, "text.pbrt"), NULL, notes, err);
-}
-
 static struct scene *scene_of(const char *text)
 {
-    struct err err = { .text = "" };
-    struct scene *scene = try_scene(text, NULL, &err);
-    if (scene == NULL)
-        fail_msg("%s\nin: %s", err.text, text);
-    return scene;
+    return reader_text_scene(text, scratch_path(folder, "text.pbrt"), NULL);
 }
 
 /* A scene whose only material has the texture "t" as its reflectance, or as its displacement when
@@ -586,16 +567,11 @@ static void odd_texels_are_noted(void **state)
 {
     (void)state;
     struct scene_notes notes;
-    struct err err = { .text = "" };
-    struct scene *scene = try_scene("WorldBegin Texture \"t\" \"spectrum\" \"imagemap\" "
-                                    "\"string filename\" \"odd.pfm\" Material \"diffuse\" "
-                                    "\"texture reflectance\" \"t\" Shape \"sphere\"",
-                                    &notes, &err);
-    assert_non_null(scene);
-    bool noted = false;
-    for (size_t i = 0; i < notes.count; i++)
-        noted = noted || strstr(notes.lines[i], "odd.pfm: 1 texels that are no colour") != NULL;
-    assert_true(noted);
+    struct scene *scene = reader_text_scene(
+        "WorldBegin Texture \"t\" \"spectrum\" \"imagemap\" \"string filename\" \"odd.pfm\" "
+        "Material \"diffuse\" \"texture reflectance\" \"t\" Shape \"sphere\"",
+        scratch_path(folder, "text.pbrt"), &notes);
+    assert_int_equal(notes_saying(&notes, "odd.pfm: 1 texels that are no colour"), 1);
     scene_notes_free(&notes);
     scene_free(scene);
 }
@@ -672,13 +648,9 @@ static void whatever_is_wrong_is_said_with_its_position(void **state)
         { W "AreaLightSource \"diffuse\" Shape \"sphere\" \"float alpha\" 0",
           "light from a shape that is not seen is not supported yet", ERR_UNSUPPORTED },
     };
-    for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
-        struct err err = { .text = "" };
-        struct scene *scene = try_scene(rows[i].text, NULL, &err);
-        if (scene != NULL || strstr(err.text, rows[i].says) == NULL || err.code != rows[i].code)
-            fail_msg("\"%s\"\ngave %s \"%s\"\nnot \"%s\"", rows[i].text, err_name(err.code),
-                     err.text, rows[i].says);
-    }
+    for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++)
+        reader_text_refused(rows[i].text, scratch_path(folder, "text.pbrt"), rows[i].code,
+                            rows[i].says);
 }
 
 /* Each doubles the work of the one before */
@@ -691,9 +663,7 @@ static void textures_of_too_many_parts_are_refused(void **state)
             text + strlen(text), sizeof(text) - strlen(text),
             "Texture \"%d\" \"float\" \"mix\" \"texture tex1\" \"%d\" \"texture tex2\" \"%d\" ", i,
             i - 1, i - 1);
-    struct err err = { .text = "" };
-    assert_null(try_scene(text, NULL, &err));
-    assert_non_null(strstr(err.text, "made of more than 64 textures"));
+    reader_text_refused(text, NULL, ERR_OK, "made of more than 64 textures");
 }
 
 int main(void)

@@ -173,44 +173,64 @@ static void files_may_be_compressed(void **state)
     scratch_remove(folder);
 }
 
-/* Plain triangles take the fast way, in pieces of the buffer; a quad among them must not confuse it
- */
-static void long_face_lists_with_a_quad_in_between(void **state)
+/* Corners of face `f` of the lists below */
+static uint32_t corner_count(int list, uint32_t f)
+{
+    switch (list) {
+    case 0:
+        return f == 123456 ? 4 : 3; /* one quad */
+    case 1:
+        return 4;
+    default:
+        return f % 5000 == 77 ? 5 : f % 3 == 1 ? 4 : 3;
+    }
+}
+
+/* Triangles and quads take the fast way, in pieces of the buffer; what comes in between must not
+ * confuse it */
+static void long_face_lists_of_every_mixture_become_fans(void **state)
 {
     (void)state;
-    enum { FACES = 200000, QUAD = 123456 };
-    size_t capacity = 14 * FACES + 1024, size;
-    char *bytes = malloc(capacity);
-    size = (size_t)snprintf(
-        bytes, capacity,
-        "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float "
-        "x\nproperty float y\nproperty float z\nelement face %d\nproperty list "
-        "uchar uint vertex_index\nend_header\n",
-        FACES);
-    memset(bytes + size, 0, 48);
-    size += 48;
-    for (uint32_t f = 0; f < FACES; f++) {
-        const uint32_t corners[4] = { f % 4, (f + 1) % 4, (f + 2) % 4, (f + 3) % 4 };
-        uint32_t count = f == QUAD ? 4 : 3;
-        bytes[size++] = (char)count;
-        memcpy(bytes + size, corners, 4 * count);
-        size += 4 * count;
-    }
+    enum { FACES = 200000, VERTICES = 7 };
     char folder[256];
     scratch_make(folder);
     const char *path = scratch_path(folder, "long.ply");
-    scratch_write(path, bytes, size);
-    struct mesh_of mesh = { .err = { .text = "" } };
-    mesh.good = ply_read(path, &mesh.target, &mesh.added, &mesh.err);
-    if (!mesh.good)
-        fail_msg("%s", mesh.err.text);
-    assert_int_equal(mesh.added.triangle_count, FACES + 1);
-    const uint32_t *triangles = mesh.target.triangles.data;
-    for (uint32_t t = 0; t <= FACES; t++) {
-        uint32_t f = t > QUAD ? t - 1 : t;
-        assert_int_equal(triangles[3 * t], f % 4);
+    size_t capacity = 21 * FACES + 1024;
+    char *bytes = malloc(capacity);
+    assert_non_null(bytes);
+    for (int list = 0; list < 3; list++) {
+        size_t size = (size_t)snprintf(
+            bytes, capacity,
+            "ply\nformat binary_little_endian 1.0\nelement vertex %d\nproperty float "
+            "x\nproperty float y\nproperty float z\nelement face %d\nproperty list "
+            "uchar uint vertex_index\nend_header\n",
+            VERTICES, FACES);
+        memset(bytes + size, 0, 12 * VERTICES);
+        size += 12 * VERTICES;
+        for (uint32_t f = 0; f < FACES; f++) {
+            uint32_t count = corner_count(list, f);
+            bytes[size++] = (char)count;
+            for (uint32_t i = 0; i < count; i++, size += 4) {
+                uint32_t corner = (f + i) % VERTICES;
+                memcpy(bytes + size, &corner, 4);
+            }
+        }
+        scratch_write(path, bytes, size);
+        struct mesh_of mesh = { .err = { .text = "" } };
+        mesh.good = ply_read(path, &mesh.target, &mesh.added, &mesh.err);
+        if (!mesh.good)
+            fail_msg("%s", mesh.err.text);
+        const uint32_t *triangle = mesh.target.triangles.data;
+        for (uint32_t f = 0; f < FACES; f++)
+            for (uint32_t i = 2; i < corner_count(list, f); i++, triangle += 3) {
+                assert_int_equal(triangle[0], f % VERTICES);
+                assert_int_equal(triangle[1], (f + i - 1) % VERTICES);
+                assert_int_equal(triangle[2], (f + i) % VERTICES);
+            }
+        size_t made = (size_t)(triangle - (uint32_t *)mesh.target.triangles.data) / 3;
+        assert_int_equal(mesh.added.triangle_count, made);
+        forget(&mesh);
     }
-    forget(&mesh);
     scratch_remove(folder);
     free(bytes);
 }
@@ -380,7 +400,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_format_gives_the_same_mesh),
         cmocka_unit_test(files_may_be_compressed),
-        cmocka_unit_test(long_face_lists_with_a_quad_in_between),
+        cmocka_unit_test(long_face_lists_of_every_mixture_become_fans),
         cmocka_unit_test(doubles_are_kept_as_doubles),
         cmocka_unit_test(meshes_are_appended),
         cmocka_unit_test(bad_files_are_refused_with_a_reason),

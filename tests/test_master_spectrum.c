@@ -3,6 +3,7 @@
 #include "common/hash.h"
 #include "master/coat.h"
 #include "master/spectrum.h"
+#include "tests/expect.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -14,13 +15,6 @@
 #include <cmocka.h>
 
 #define PI 3.14159265358979323846
-
-#define EXPECT_NEAR(got, want, tolerance)                                           \
-    do {                                                                            \
-        double got_ = (got), want_ = (want);                                        \
-        if (!(fabs(got_ - want_) <= (tolerance)))                                   \
-            fail_msg("line %d: %s is %.9g, not %.9g", __LINE__, #got, got_, want_); \
-    } while (0)
 
 /* --- Spectra ------------------------------------------------------------------------------ */
 

@@ -12,11 +12,17 @@
 
 /* One sample: a cache line */
 struct first_hit {
-    uint32_t seen; /* 0: the path left the scene, and the rest is zero too */
-    uint32_t object, material;
-    uint32_t unused;
+    uint32_t seen;             /* 0: the path left the scene, and the rest is zero too */
+    uint32_t object, material; /* as common/aov.h numbers them */
+    float time;
     float p[3], ns[3], ng[3], albedo[3];
 };
+
+/* The first object that is an instance */
+static inline int32_t first_hit_instance(const struct scene *scene)
+{
+    return (int32_t)(scene->mesh_count + scene->quadric_count);
+}
 
 /* Add the samples of every pixel in index order, in double, and round once; `sums` has the layers
  * of ks->spec.aovs. */

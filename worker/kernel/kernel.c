@@ -4,6 +4,7 @@
 #include "common/effects.h"
 #include "common/elem.h"
 #include "common/err.h"
+#include "common/pages.h"
 #include "proto/digest.h"
 #include "worker/kernel/alpha.h"
 #include "worker/kernel/first_hit.h"
@@ -11,14 +12,10 @@
 #include "worker/kernel/path.h"
 #include "worker/renderer.h"
 
-#include <linux/mman.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/mman.h>
-
-#define HUGE_PAGE ((size_t)2 << 20)
 
 typedef void leaf_function(const struct kernel_scene *, struct kernel_thread *, uint32_t, uint32_t,
                            uint64_t, struct path_stats *);
@@ -314,26 +311,11 @@ static bool instances_attach(struct kernel_scene *ks, struct err *err)
     return true;
 }
 
-/*
- * Hits of a large mesh read it at random: pages of 2 MiB save the misses of address translation,
- * a fortieth of the time on a mesh of a million triangles. Only a wish: a system may ignore it.
- */
-static void prefer_huge_pages(void *array, size_t size)
-{
-    uintptr_t first = ((uintptr_t)array + HUGE_PAGE - 1) & ~(uintptr_t)(HUGE_PAGE - 1);
-    uintptr_t end = ((uintptr_t)array + size) & ~(uintptr_t)(HUGE_PAGE - 1);
-    if (array == NULL || first >= end)
-        return;
-    madvise((void *)first, end - first, MADV_HUGEPAGE);
-#if defined(MADV_COLLAPSE) /* what was written before the wish moves, since Linux 6.1 */
-    madvise((void *)first, end - first, MADV_COLLAPSE);
-#endif
-}
-
+/* Hits of a large mesh read it at random */
 static void arrays_prefer_huge_pages(const struct scene *scene)
 {
 #define X(array, count, type, per) \
-    prefer_huge_pages(scene->array, (size_t)scene->count *(per) * sizeof(type));
+    pages_make_huge(scene->array, (size_t)scene->count *(per) * sizeof(type));
     SCENE_ARRAYS(X)
 #undef X
 }

@@ -243,6 +243,7 @@ LANE_FN void texture_materials(const struct kernel_scene *ks, struct kernel_thre
 struct first_hit8 {
     i8 slot, object, material;
     struct vec3x8 p, ns, ng, albedo;
+    f8 time;
 };
 
 /* Not inline: most jobs have no layers, and then this must not cost the loop a register */
@@ -255,6 +256,7 @@ store_first_hits(const struct first_hit8 *at, unsigned lanes, struct kernel_thre
             .seen = 1,
             .object = (uint32_t)at->object[lane],
             .material = (uint32_t)at->material[lane],
+            .time = at->time[lane],
             .p = { at->p.x[lane], at->p.y[lane], at->p.z[lane] },
             .ns = { at->ns.x[lane], at->ns.y[lane], at->ns.z[lane] },
             .ng = { at->ng.x[lane], at->ng.y[lane], at->ng.z[lane] },
@@ -579,16 +581,18 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         struct bsdf_sample8 bs = bsdf_sample(&bsdf, fx, TRANSPORT_RADIANCE, go, wo, lobe, scatter_u,
                                              scatter_v);
 
-        /* What the other layers of the picture show: objects are the meshes, then the quadrics */
+        /* What the other layers of the picture show */
         if (__builtin_expect(thread->first_hits != NULL, 0)) {
             i8 first = hit & (path.events == 0), object = geometry;
             if (fx & FX_QUADRIC)
                 object = object + (prim & (geometry == ks->quadric_geometry));
+            if (fx & FX_INSTANCE)
+                object = i8_select(inside, instance + first_hit_instance(scene), object);
             struct vec3x8 albedo = vec3x8_scale(bs.weight, bs.eta * bs.eta);
             albedo = vec3x8_select(bs.valid, albedo, vec3x8_all(0, 0, 0));
-            const struct first_hit8 at = {
-                path.slot, object, s.material, s.p, frame.n, s.ng, albedo
-            };
+            const f8 time = fx & FX_MOTION ? path.time : F8(0);
+            const struct first_hit8 at = { path.slot, object, s.material, s.p,
+                                           frame.n,   s.ng,   albedo,     time };
             store_first_hits(&at, i8_bits(first), thread);
         }
         struct vec3x8 wi_world = frame_to_world(&frame, bs.wi);
