@@ -16,6 +16,7 @@
 #include "common/elem.h"
 #include "common/lane.h"
 #include "common/scene.h"
+#include "worker/kernel/portal.h"
 
 #include <stdbool.h>
 
@@ -31,6 +32,8 @@ struct environment_table {
     int32_t width, height, layout;
     int32_t column_steps, row_steps; /* largest power of two below width and height, or 1 */
     uint32_t light;                  /* the scene's light that it belongs to */
+    int has_portal;                  /* only light.h asks it: nothing here knows of it */
+    struct portal portal;
     float to_light[9];
     struct environment_texel *texels;
     uint32_t *rows;     /* height + 1: of 2^24 chances, those of the rows before */
