@@ -42,8 +42,9 @@ static bool place_here(struct pbrt_reader *reader, const struct source_pos *pos,
     return true;
 }
 
-/* "alpha" cuts holes: how much of the surface is there; *none when there is nothing of it */
-static bool read_alpha(struct pbrt_reader *reader, bool mesh, struct build_place *place, bool *none)
+/* "alpha" cuts holes: how much of the surface is there; *none when there is nothing of it. What
+ * emits with an alpha of nothing is not seen, and lights as if it were there, as in pbrt. */
+static bool read_alpha(struct pbrt_reader *reader, struct build_place *place, bool *none)
 {
     struct pbrt_params *params = &reader->params;
     place->alpha = pbrt_textures_take(params, "alpha", false);
@@ -53,13 +54,10 @@ static bool read_alpha(struct pbrt_reader *reader, bool mesh, struct build_place
         return false;
     if (place->alpha == 0 && alpha >= 1)
         return true;
-    if (*none && place->emitter != SCENE_NONE)
-        return pbrt_report_later(reader, &place->pos, "light from a shape that is not seen");
-    if (*none)
+    if (*none) {
+        *none = place->emitter == SCENE_NONE;
+        place->material = SCENE_NONE;
         return true;
-    if (!mesh) {
-        place->alpha = 0;
-        return pbrt_report_later(reader, &place->pos, "\"alpha\" of a sphere or disk");
     }
     return place->alpha != 0 ? pbrt_textures_resolve(reader, &place->alpha)
                              : pbrt_textures_resolve_number(reader, alpha, &place->alpha);
@@ -282,8 +280,8 @@ bool pbrt_shapes_add(struct pbrt_reader *reader, const struct pbrt_token *type)
     struct build_place place;
     if (!place_here(reader, &type->pos, &place))
         return false;
-    bool mesh = found->value == SHAPE_MESH || found->value == SHAPE_PLY, none;
-    if (!read_alpha(reader, mesh, &place, &none))
+    bool none;
+    if (!read_alpha(reader, &place, &none))
         return false;
     if (none)
         return true;

@@ -651,10 +651,6 @@ static void whatever_is_wrong_is_said_with_its_position(void **state)
         { W "Texture \"t\" \"spectrum\" \"imagemap\" \"string filename\"\n\"cut.tga\" "
             "Material \"diffuse\" \"texture reflectance\" \"t\" Shape \"sphere\"",
           "text.pbrt:3:1: ", ERR_SCENE },
-        { W "Texture \"t\" \"float\" \"fbm\" Shape \"disk\" \"texture alpha\" \"t\"",
-          "\"alpha\" of a sphere or disk is not supported yet", ERR_UNSUPPORTED },
-        { W "AreaLightSource \"diffuse\" Shape \"sphere\" \"float alpha\" 0",
-          "light from a shape that is not seen is not supported yet", ERR_UNSUPPORTED },
     };
     for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
         struct err err = { .text = "" };
