@@ -41,6 +41,8 @@ static uint32_t material_effects(const struct material *material)
         return mask | FX_THIN;
     case MATERIAL_MIX:
         return mask | FX_MIX;
+    case MATERIAL_UNLIT:
+        return mask | FX_TEXTURE;
     default:
         return mask; /* diffuse is what every kernel has */
     }
@@ -49,13 +51,17 @@ static uint32_t material_effects(const struct material *material)
 static uint32_t light_effects(const struct light *light)
 {
     uint32_t mask = light->environment != 0 ? FX_ENVIRONMENT : 0;
+    if (light->texture != 0)
+        mask |= FX_TEXTURE;
+    if (light->flags & LIGHT_UNSEEN)
+        mask |= FX_DELTA_LIGHT; /* light sampling alone finds it */
     switch (light->kind) {
     case LIGHT_POLYGON:
-        return FX_POLYGON_LIGHT | (light->corner_count > 4 ? FX_WIDE_POLYGON : 0);
+        return mask | FX_POLYGON_LIGHT | (light->corner_count > 4 ? FX_WIDE_POLYGON : 0);
     case LIGHT_SPHERE:
-        return FX_SPHERE_LIGHT;
+        return mask | FX_SPHERE_LIGHT;
     case LIGHT_DISK:
-        return FX_DISK_LIGHT;
+        return mask | FX_DISK_LIGHT;
     case LIGHT_SKY:
         return mask != 0 ? mask : FX_SKY;
     default:
@@ -76,6 +82,8 @@ uint32_t scene_effects(const struct scene *scene)
     for (uint32_t i = 0; i < scene->mesh_count; i++)
         mask |= (scene->meshes[i].flags & MESH_NORMALS ? FX_SMOOTH_NORMALS : 0) |
                 (scene->meshes[i].alpha != 0 ? FX_TEXTURE : 0);
+    for (uint32_t i = 0; i < scene->quadric_count; i++)
+        mask |= scene->quadrics[i].alpha != 0 ? FX_TEXTURE : 0;
     if (scene->instance_count > 0)
         mask |= FX_INSTANCE;
     if (scene->motion_count > 0)

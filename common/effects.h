@@ -26,7 +26,7 @@ struct scene;
     X(POLYGON_LIGHT, 11, "polygon-light", "convex polygons that emit")                   \
     X(SPHERE_LIGHT, 12, "sphere-light", "spheres that emit")                             \
     X(DISK_LIGHT, 13, "disk-light", "disks that emit")                                   \
-    X(DELTA_LIGHT, 14, "delta-light", "point, spot and distant lights")                  \
+    X(DELTA_LIGHT, 14, "delta-light", "lights that no ray finds: point, spot, distant")  \
     X(SKY, 15, "sky", "light from infinity, the same in every direction")                \
     X(MANY_LIGHTS, 16, "many-lights", "more than one light to choose from")              \
     X(SAMPLER_ANY, 17, "sampler-any", "a sampler other than Owen-scrambled Sobol")       \

@@ -165,6 +165,8 @@ static bool check_quadric(const struct scene *scene, uint32_t index, struct err 
         return err_set(err, ERR_SCENE, "quadric %u: no material %u", index, quadric->material);
     if (quadric->light != SCENE_NONE && quadric->light >= scene->light_count)
         return err_set(err, ERR_SCENE, "quadric %u: no light %u", index, quadric->light);
+    if (quadric->alpha > scene->texture_count)
+        return err_set(err, ERR_SCENE, "quadric %u: no texture %u", index, quadric->alpha);
     return true;
 }
 
@@ -357,17 +359,18 @@ static bool check_light(const struct scene *scene, uint32_t index, struct err *e
 {
     const struct light *light = &scene->lights[index];
     const float others[] = { light->cos_falloff_start, light->cos_falloff_end, light->area,
-                             light->pick };
+                             light->pick, light->texture_scale };
+    bool portal = light->kind == LIGHT_SKY && light->corner_count != 0;
 
     if (light->kind >= LIGHT_KINDS)
         return err_set(err, ERR_SCENE, "light %u: unknown kind %u", index, light->kind);
     if (!finite_all(light->radiance, 3) || !finite_all(light->position, 3) ||
-        !finite_all(light->direction, 3) || !finite_all(light->normal, 3) || !finite_all(others, 4))
+        !finite_all(light->direction, 3) || !finite_all(light->normal, 3) || !finite_all(others, 5))
         return err_set(err, ERR_SCENE, "light %u has a number that is not finite", index);
     if (!(light->pick > 0) || light->pick > 1)
         return err_set(err, ERR_SCENE, "light %u is chosen with probability %g", index,
                        light->pick);
-    if (light->kind == LIGHT_POLYGON &&
+    if ((light->kind == LIGHT_POLYGON || portal) &&
         (light->corner_count < 3 || light->corner_count > POLYGON_MAX ||
          (uint64_t)light->first_corner + light->corner_count > scene->light_corner_count))
         return err_set(err, ERR_SCENE, "light %u: its corners are not valid", index);
@@ -384,8 +387,18 @@ static bool check_light(const struct scene *scene, uint32_t index, struct err *e
         if (light->kind != LIGHT_POINT && (light->kind != LIGHT_SKY || projected))
             return err_set(err, ERR_SCENE, "light %u cannot have its environment", index);
     }
-    if (light->kind <= LIGHT_DISK && !(light->area > 0))
+    if (portal && (light->corner_count != 4 || light->environment == 0))
+        return err_set(err, ERR_SCENE, "light %u cannot have its portal", index);
+    if ((light->kind <= LIGHT_DISK || portal) && !(light->area > 0))
         return err_set(err, ERR_SCENE, "light %u has no area", index);
+    if (light->texture > scene->texture_count)
+        return err_set(err, ERR_SCENE, "light %u: no texture %u", index, light->texture);
+    if (light->texture != 0 && light->kind > LIGHT_DISK)
+        return err_set(err, ERR_SCENE, "light %u cannot have a texture", index);
+    if (light->texture != 0 && light->kind == LIGHT_POLYGON && light->corner_count != 3)
+        return err_set(err, ERR_SCENE, "light %u has a texture, and is no triangle", index);
+    if ((light->flags & LIGHT_UNSEEN) && light->kind > LIGHT_DISK)
+        return err_set(err, ERR_SCENE, "light %u has no shape that could be unseen", index);
     return true;
 }
 

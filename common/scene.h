@@ -134,6 +134,7 @@ struct quadric {
     float world_radius; /* radius in world units when QUADRIC_SIMILARITY */
     uint32_t material;  /* as in struct mesh */
     uint32_t light;     /* or SCENE_NONE */
+    uint32_t alpha;     /* as in struct mesh */
 };
 
 /*
@@ -269,6 +270,8 @@ enum material_kind {
     MATERIAL_THIN_DIELECTRIC = 6,      /* ior: a pane, both of its faces at once; smooth */
     MATERIAL_DIFFUSE_TRANSMISSION = 7, /* reflectance on wo's side, specular on the other */
     MATERIAL_COATED_CONDUCTOR = 8, /* coat (ior, alpha, table) over metal (eta, k, base_alpha) */
+    MATERIAL_UNLIT = 9, /* shows reflectance to the camera and in mirrors, whatever light falls on
+                           it; to all else it is black, so it lights nothing */
     MATERIAL_KINDS
 };
 
@@ -351,7 +354,10 @@ enum light_kind {
     LIGHT_SKY = 6,
     LIGHT_KINDS
 };
-enum light_flag { LIGHT_TWO_SIDED = 1 };
+enum light_flag {
+    LIGHT_TWO_SIDED = 1,
+    LIGHT_UNSEEN = 2, /* area lights: no ray finds their shape; they light all the same */
+};
 
 /*
  * Area lights emit `radiance` on the side of `normal` (polygon) or of their quadric's normal, or on
@@ -359,6 +365,13 @@ enum light_flag { LIGHT_TWO_SIDED = 1 };
  * it. A polygon is convex and planar, corners light_corners[3 * (first_corner + i)] in an order
  * that is counter-clockwise seen from the side of `normal`. What an environment says by direction
  * (sky, point) takes the place of `radiance`, which then is its mean over all directions.
+ *
+ * So does what a texture says over the surface of an area light, times texture_scale: `radiance` is
+ * about its mean then, by which lights are chosen. A polygon with a texture, or of a mesh that is
+ * there in part, is one triangle of its mesh.
+ *
+ * A sky with corners shines through that polygon alone (pbrt-v4's portal): along rays that pass it
+ * against its normal, wherever they start. Its area is the portal's.
  */
 struct light {
     uint32_t kind, flags;
@@ -372,6 +385,8 @@ struct light {
     uint32_t first_corner, corner_count;
     uint32_t quadric;
     uint32_t environment; /* 1 + index, or 0 */
+    uint32_t texture;     /* 1 + index, or 0 */
+    float texture_scale;
 };
 
 /* What the file calls element `index` of an array */

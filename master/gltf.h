@@ -10,9 +10,10 @@
  * - Surfaces reflect from both sides, whatever doubleSided says; it only decides whether an
  *   emissive surface emits from its back as well.
  * - Metallic-roughness: by "metallic" a mix of a metal with reflectance baseColor and a dielectric
- *   coat (ior) over a diffuse base of baseColor; the width of both is roughness squared. Unlit
- *   materials are diffuse ones and lit like them.
- * - Emission is radiance, 1 for a factor of 1. An emissive texture stands for its mean.
+ *   coat (ior) over a diffuse base of baseColor; the width of both is roughness squared.
+ * - Unlit materials show their base colour to the camera, and to it in mirrors and through glass,
+ *   whatever light falls on them; they light nothing, and other surfaces see them black.
+ * - Emission is radiance, 1 for a factor of 1, times what an emissive texture shows.
  * - Light intensities: candela and lux are taken as radiant intensity and irradiance of the same
  *   number, on the scale of emission (1 is 1 nit), as glTF says. Blender's exporter alone turns
  *   its watts into lumens with 683 lm/W and leaves emission as it is: lights of files that it

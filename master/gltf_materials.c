@@ -293,7 +293,9 @@ static bool read_look(struct gltf_reader *reader, struct look *look)
     note_left_out(reader, look);
     look->unlit = unlit.json != NULL;
     if (look->unlit)
-        gltf_report_note(reader, unlit.where, "unlit materials are diffuse ones here, and lit");
+        gltf_report_note(
+            reader, unlit.where,
+            "an unlit material is seen by the camera and in mirrors, and lights nothing");
     return !reader->failed;
 }
 
@@ -302,7 +304,7 @@ static bool read_look(struct gltf_reader *reader, struct look *look)
 static bool add(struct gltf_reader *reader, const struct look *look, struct material *material,
                 uint32_t *index)
 {
-    if (material->kind != MATERIAL_MIX) {
+    if (material->kind != MATERIAL_MIX && material->kind != MATERIAL_UNLIT) {
         material->texture[SLOT_NORMAL] = look->normal;
         material->normal_scale = (float)look->normal_scale;
         if (look->normal != 0 && look->normal_scale != 1)
@@ -332,6 +334,13 @@ static void set_alpha(const struct knob *alpha, struct material *material)
 {
     material->alpha[0] = material->alpha[1] = width(alpha->value);
     material->texture[SLOT_ROUGHNESS_U] = material->texture[SLOT_ROUGHNESS_V] = alpha->texture;
+}
+
+static bool add_unlit(struct gltf_reader *reader, const struct look *look, uint32_t *index)
+{
+    struct material material = { .kind = MATERIAL_UNLIT };
+    set_reflectance(look, &material);
+    return add(reader, look, &material, index);
 }
 
 static bool add_diffuse(struct gltf_reader *reader, const struct look *look, uint32_t *index)
@@ -459,8 +468,6 @@ static bool add_glass(struct gltf_reader *reader, const struct look *look, uint3
 static bool add_not_metal(struct gltf_reader *reader, const struct look *look, uint32_t *index)
 {
     uint32_t glass = 0;
-    if (look->unlit)
-        return add_diffuse(reader, look, index);
     if (all_of(&look->transmission))
         return add_glass(reader, look, index);
     if (!add_dielectric(reader, look, index) || none_of(&look->transmission))
@@ -471,7 +478,9 @@ static bool add_not_metal(struct gltf_reader *reader, const struct look *look, u
 static bool add_material(struct gltf_reader *reader, const struct look *look, uint32_t *index)
 {
     uint32_t metal = 0;
-    if (look->unlit || none_of(&look->metallic))
+    if (look->unlit)
+        return add_unlit(reader, look, index);
+    if (none_of(&look->metallic))
         return add_not_metal(reader, look, index);
     if (all_of(&look->metallic))
         return add_metals(reader, look, index);
@@ -507,7 +516,8 @@ static bool make_alpha(struct gltf_reader *reader, const struct look *look, uint
 
 static bool make_emitter(struct gltf_reader *reader, struct look *look, uint32_t *emitter)
 {
-    double rgb[3] = { 0, 0, 0 }, mean[4] = { 1, 1, 1, 1 };
+    double rgb[3] = { 0, 0, 0 };
+    uint32_t tree = 0;
     struct gltf_texture texture;
     struct gltf_item item = gltf_json_extension(reader, &look->item,
                                                 "KHR_materials_emissive_strength");
@@ -517,20 +527,25 @@ static bool make_emitter(struct gltf_reader *reader, struct look *look, uint32_t
     bool both = gltf_json_bool(reader, &look->item, "doubleSided", false);
     if (reader->failed)
         return false;
-    if (strength == 0 || (rgb[0] == 0 && rgb[1] == 0 && rgb[2] == 0))
+    if (strength == 0 || (rgb[0] == 0 && rgb[1] == 0 && rgb[2] == 0) || look->unlit)
         return true;
-    if (!read_texture(reader, look, &look->item, "emissiveTexture", true, &texture))
+    for (int c = 0; c < 3; c++)
+        rgb[c] *= strength;
+    if (!read_texture(reader, look, &look->item, "emissiveTexture", true, &texture) ||
+        !gltf_textures_image(reader, &texture, SCENE_NONE, &tree))
         return false;
-    if (texture.there) {
-        gltf_textures_mean(reader, &texture, mean);
-        gltf_report_note(reader, texture.where, "the surface emits the texture's mean, evenly");
+    if (tree != 0) {
+        if (!gltf_textures_scale(reader, &tree, rgb))
+            return false;
+        rgb[0] = rgb[1] = rgb[2] = 1;
     }
     struct emitter *added = growing_add(&reader->build->emitters, 1, sizeof(*added));
     if (added == NULL)
         return gltf_report_no_memory(reader);
-    *added = (struct emitter){ .two_sided = both, .pos = { reader->report.path, 0, 0 } };
-    for (int c = 0; c < 3; c++)
-        added->radiance[c] = rgb[c] * strength * mean[c];
+    *added = (struct emitter){ .two_sided = both,
+                               .texture = tree,
+                               .pos = { reader->report.path, 0, 0 } };
+    memcpy(added->radiance, rgb, sizeof(rgb));
     *emitter = (uint32_t)(reader->build->emitters.count - 1);
     return true;
 }

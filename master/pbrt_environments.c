@@ -17,12 +17,10 @@ struct chart {
     double half_width[2]; /* projection: of the picture at z = 1 */
 };
 
-static bool read_picture(struct pbrt_reader *reader, const struct pbrt_environment *wish,
-                         uint32_t *index)
+bool pbrt_environments_read(struct pbrt_reader *reader, const struct pbrt_token *filename,
+                            bool single, uint32_t *index)
 {
-    const struct pbrt_token *filename = wish->filename;
-    const struct picture_wish how = { .encoding = ENCODING_AS_FOUND,
-                                      .single = wish->kind == PBRT_GONIOMETRIC };
+    const struct picture_wish how = { .encoding = ENCODING_AS_FOUND, .single = single };
     const char *path = pbrt_lexer_resolve(reader->lexer, filename);
     if (path == NULL)
         return pbrt_report_error(reader, &filename->pos, "no file can be read from here");
@@ -174,7 +172,7 @@ bool pbrt_environments_add(struct pbrt_reader *reader, const struct pbrt_environ
 {
     struct scene_build *build = reader->build;
     uint32_t index;
-    if (!read_picture(reader, wish, &index))
+    if (!pbrt_environments_read(reader, wish->filename, wish->kind == PBRT_GONIOMETRIC, &index))
         return false;
     struct chart chart = { .picture = (const struct scene_picture *)build->pictures.data + index,
                            .texels = build->texels.data };

@@ -8,6 +8,7 @@
 #include "master/pbrt_lexer.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 
 struct light;
 struct pbrt_reader;
@@ -21,6 +22,10 @@ struct pbrt_environment {
     double wanted;   /* illuminance, or power of the others, in place of a scale; 0: not given */
     double fov;      /* projection: of the picture's shorter side, radians */
 };
+
+/* A light's picture file, as an index into the scene's pictures; `single` for one channel. */
+bool pbrt_environments_read(struct pbrt_reader *reader, const struct pbrt_token *filename,
+                            bool single, uint32_t *index);
 
 /* Read the picture and make it the scene's next environment, turned as the current transform says,
  * and the light's: its radiance becomes the mean over all directions. */

@@ -1,11 +1,13 @@
 #include "master/pbrt_lights.h"
 
+#include "common/direction_map.h"
 #include "common/elem.h"
 #include "master/pbrt_color.h"
 #include "master/pbrt_environments.h"
 #include "master/pbrt_reader.h"
 
 #include <math.h>
+#include <string.h>
 
 #define PI       3.14159265358979323846
 #define COUNT(a) (sizeof(a) / sizeof((a)[0]))
@@ -92,18 +94,55 @@ static bool add_sky(struct pbrt_reader *reader, const double rgb[3])
     return true;
 }
 
-/* What "infinite" says besides its colour: a picture instead of it, and through which hole it
- * shines, which would only save noise in a room that has no other */
-static void read_infinite(struct pbrt_params *params, struct pbrt_environment *picture)
+static double cosine(const double a[3], const double b[3])
+{
+    double ab = 0, a2 = 0, b2 = 0;
+    for (int i = 0; i < 3; i++) {
+        ab += a[i] * b[i];
+        a2 += a[i] * a[i];
+        b2 += b[i] * b[i];
+    }
+    return ab / sqrt(a2 * b2);
+}
+
+/* The rectangle that the light comes through, in world space whatever the current transform is. As
+ * in pbrt-v4 it comes from the side where p03 x p01 points to. */
+static void read_portal(struct pbrt_params *params, bool pictured, struct build_light *built)
+{
+    const struct pbrt_param *portal = pbrt_params_find(params, "portal");
+    size_t count;
+    const double *points = pbrt_params_array(params, "portal", PARAM_POINT3, &count);
+    if (portal == NULL || points == NULL)
+        return;
+    if (!pictured || count != 4) {
+        pbrt_params_fail(params, portal,
+                         pictured ? "a portal has four points"
+                                  : "a portal wants \"string filename\"");
+        return;
+    }
+    double edge[4][3];
+    memcpy(built->portal, points, sizeof(built->portal));
+    for (int i = 0; i < 4; i++)
+        for (int axis = 0; axis < 3; axis++)
+            edge[i][axis] = built->portal[(i + 1) % 4][axis] - built->portal[i][axis];
+    bool good = true;
+    for (int i = 0; i < 4; i++)
+        good = good && fabs(cosine(edge[i], edge[(i + 1) % 4])) <= 1e-3;
+    good = good && cosine(edge[0], edge[2]) <= 1e-3 - 1 && cosine(edge[1], edge[3]) <= 1e-3 - 1;
+    if (!good)
+        pbrt_params_fail(params, portal, "a portal is a rectangle, corner after corner");
+    built->has_portal = good;
+}
+
+/* What "infinite" says besides its colour: a picture instead of it, and where it shines through */
+static void read_infinite(struct pbrt_params *params, struct pbrt_environment *picture,
+                          struct build_light *built)
 {
     const struct pbrt_param *old = pbrt_params_find(params, "mapname");
     if (old != NULL)
         pbrt_params_fail(params, old, "\"mapname\" is pbrt-v3's: in pbrt-v4 it is \"filename\"");
-    const struct pbrt_param *portal = pbrt_params_find(params, "portal");
-    if (portal != NULL)
-        pbrt_report_note(params->reader, &portal->pos,
-                         "the \"portal\" is not used: light that misses it counts, too");
     picture->filename = pbrt_params_string(params, "filename");
+    read_portal(params, picture->filename != NULL, built);
     const struct pbrt_param *colour = pbrt_params_find(params, "L");
     if (picture->filename != NULL && colour != NULL)
         pbrt_params_fail(params, colour, "an infinite light has a picture or a colour, not both");
@@ -148,7 +187,7 @@ bool pbrt_lights_add(struct pbrt_reader *reader, const struct pbrt_token *type)
     if (light->kind == LIGHT_SPOT || light->kind == LIGHT_DISTANT)
         read_direction(params, ctm, from, light->direction);
     if (light->kind == LIGHT_SKY)
-        read_infinite(params, &picture);
+        read_infinite(params, &picture, &built);
     if (pictured)
         read_picture(params, &picture);
     double wanted = pbrt_params_float(params, delta ? "power" : "illuminance", 0);
@@ -179,6 +218,45 @@ bool pbrt_lights_add(struct pbrt_reader *reader, const struct pbrt_token *type)
     return true;
 }
 
+static double mean_luminance(const struct scene_build *build, uint32_t index)
+{
+    const struct scene_picture *picture = (const struct scene_picture *)build->pictures.data +
+                                          index;
+    double sum = 0;
+    for (uint32_t y = 0; y < picture->height; y++)
+        for (uint32_t x = 0; x < picture->width; x++) {
+            double rgb[3];
+            direction_map_texel(picture, build->texels.data, x, y, rgb);
+            sum += 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
+        }
+    return sum / ((double)picture->width * picture->height);
+}
+
+/* The picture that a surface shows by its own light: its texels in place of "L" */
+static bool read_emission(struct pbrt_reader *reader, const struct pbrt_token *filename,
+                          struct emitter *emitter)
+{
+    struct texture texture = { .kind = TEXTURE_IMAGE,
+                               .mapping = MAPPING_UV,
+                               .map = { [0] = 1, [4] = 1 },
+                               .wrap = { WRAP_CLAMP, WRAP_CLAMP },
+                               .channel = SCENE_NONE,
+                               .scale = 1 };
+    if (!pbrt_environments_read(reader, filename, false, &texture.picture))
+        return false;
+    double bright = mean_luminance(reader->build, texture.picture);
+    if (!(bright > 0))
+        emitter->radiance[0] = emitter->radiance[1] = emitter->radiance[2] = 0;
+    else /* pbrt-v4 takes the mean of the whole picture, wherever the shape shows which part */
+        emitter->power /= bright;
+    struct texture *added = growing_add(&reader->build->textures, 1, sizeof(*added));
+    if (added == NULL)
+        return pbrt_report_no_memory(reader);
+    *added = texture;
+    emitter->texture = (uint32_t)reader->build->textures.count;
+    return true;
+}
+
 bool pbrt_lights_area(struct pbrt_reader *reader, const struct pbrt_token *type)
 {
     struct pbrt_params *params = &reader->params;
@@ -189,8 +267,12 @@ bool pbrt_lights_area(struct pbrt_reader *reader, const struct pbrt_token *type)
     read_light(params, "L", emitter.radiance);
     emitter.two_sided = pbrt_params_bool(params, "twosided", false);
     emitter.power = fmax(0, pbrt_params_float(params, "power", 0));
-    pbrt_params_later(params, "filename");
-    if (!pbrt_params_done(params))
+    const struct pbrt_token *filename = pbrt_params_string(params, "filename");
+    const struct pbrt_param *colour = pbrt_params_find(params, "L");
+    if (filename != NULL && colour != NULL)
+        pbrt_params_fail(params, colour, "an area light has a picture or a colour, not both");
+    if (!pbrt_params_done(params) ||
+        (filename != NULL && !read_emission(reader, filename, &emitter)))
         return false;
     struct growing *emitters = &reader->build->emitters;
     reader->state.emitter = (uint32_t)emitters->count;

@@ -52,7 +52,8 @@ static bool place_here(struct pbrt_reader *reader, const struct source_pos *pos,
     return true;
 }
 
-/* "alpha" cuts holes: how much of the surface is there; *none when there is nothing of it */
+/* "alpha" cuts holes: how much of the surface is there; *none when there is nothing of it. What
+ * emits with an alpha of nothing is not seen, and lights as if it were there, as in pbrt. */
 static bool read_alpha(struct pbrt_reader *reader, struct build_place *place, bool *none)
 {
     struct pbrt_params *params = &reader->params;
@@ -63,10 +64,11 @@ static bool read_alpha(struct pbrt_reader *reader, struct build_place *place, bo
         return false;
     if (place->alpha == 0 && alpha >= 1)
         return true;
-    if (*none && place->emitter != SCENE_NONE)
-        return pbrt_report_later(reader, &place->pos, "light from a shape that is not seen");
-    if (*none)
+    if (*none) {
+        *none = place->emitter == SCENE_NONE;
+        place->material = SCENE_NONE;
         return true;
+    }
     return place->alpha != 0 ? pbrt_textures_resolve(reader, &place->alpha)
                              : pbrt_textures_resolve_number(reader, alpha, &place->alpha);
 }

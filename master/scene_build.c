@@ -427,6 +427,7 @@ static bool place_quadrics(struct scene_build *build, struct err *err)
             quadric->flags |= QUADRIC_FLIP_NORMAL;
         quadric->material = place->material;
         quadric->light = SCENE_NONE;
+        quadric->alpha = place->alpha;
     }
     scene->quadric_count = (uint32_t)build->quadrics.count;
     return true;
@@ -499,6 +500,13 @@ static bool add_other_lights(struct scene_build *build, struct light_arrays *arr
         *light = from[i].light;
         for (int axis = 0; axis < 3; axis++)
             light->position[axis] = (float)(from[i].position[axis] - settings->center[axis]);
+        if (from[i].has_portal) {
+            double corners[4][3];
+            for (int k = 0; k < 12; k++)
+                corners[k / 3][k % 3] = from[i].portal[k / 3][k % 3] - settings->center[k % 3];
+            if (!scene_lights_add_portal(light, (const double(*)[3])corners, arrays, err))
+                return false;
+        }
         if (light->environment != 0)
             build->scene->environments[light->environment - 1].light =
                 (uint32_t)arrays->lights.count - 1;

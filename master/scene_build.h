@@ -40,6 +40,8 @@ struct build_place {
 struct build_light {
     struct light light; /* kind, radiance, direction, falloff, environment */
     double position[3];
+    bool has_portal; /* a sky: it shines through this rectangle alone, whose corners go around */
+    double portal[4][3]; /* counter-clockwise, seen from where it shines */
 };
 
 struct build_mesh {

@@ -88,6 +88,7 @@ static bool copy_mesh(struct scene_build *build, size_t index, const struct tran
         if (!repeat(&vertices->uvs, first, from.vertex_count, 2 * sizeof(float)))
             return no_memory(err);
     }
+    /* Colours stay what they are: the copy's lie where the original's do */
     if (mesh.wide != NULL) {
         size_t size = 3 * (size_t)from.vertex_count * sizeof(double);
         const double *wide = mesh.wide;

@@ -2,6 +2,7 @@
 
 #include "common/err.h"
 #include "common/scene.h"
+#include "master/scene_emission.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -267,12 +268,33 @@ static bool grow_polygon(struct patch *patch, const struct emitter *emitter, uin
     return true;
 }
 
-static bool add_polygon(const struct patch *patch, const struct polygon *polygon, bool flip,
-                        bool two_sided, const float radiance[3], struct light_arrays *arrays,
+/* Flags of what emits from a surface of this material */
+static uint32_t light_flags(const struct emitter *emitter, uint32_t material)
+{
+    return (emitter->two_sided ? LIGHT_TWO_SIDED : 0) | (material == SCENE_NONE ? LIGHT_UNSEEN : 0);
+}
+
+/* A texture takes the place of the radiance, which scales it and then is its mean */
+static bool set_texture(const struct emitter *emitter, const double mean[3], struct light *light,
                         struct err *err)
 {
+    light->texture = emitter->texture;
+    light->texture_scale = light->radiance[0];
+    for (int c = 0; c < 3; c++) {
+        light->radiance[c] = (float)(mean[c] * (double)light->texture_scale);
+        if (!isfinite(light->radiance[c]))
+            return fail(emitter, ERR_SCENE, err, "the light's radiance is beyond float32");
+    }
+    return true;
+}
+
+static bool add_polygon(const struct patch *patch, const struct polygon *polygon,
+                        const struct mesh *mesh, const struct emitter *emitter,
+                        const float radiance[3], struct light_arrays *arrays, struct err *err)
+{
+    bool flip = mesh->flags & MESH_FLIP_NORMAL;
     struct light light = { .kind = LIGHT_POLYGON,
-                           .flags = two_sided ? LIGHT_TWO_SIDED : 0,
+                           .flags = light_flags(emitter, mesh->material),
                            .area = (float)polygon->area,
                            .first_corner = (uint32_t)arrays->corners.count,
                            .corner_count = polygon->count,
@@ -300,10 +322,55 @@ static bool add_polygon(const struct patch *patch, const struct polygon *polygon
     return true;
 }
 
+/* The mean of the emitter's texture over a triangle; false where it is black */
+static bool mean_over(const struct scene *scene, const struct mesh *mesh,
+                      const struct emitter *emitter, uint32_t triangle, struct light_arrays *arrays,
+                      double mean[3])
+{
+    static const double default_uv[3][2] = { { 0, 0 }, { 1, 0 }, { 1, 1 } }; /* pbrt's */
+    const uint32_t *corner = scene->triangles + 3 * ((size_t)mesh->first_triangle + triangle);
+    double uv[3][2];
+    memcpy(uv, default_uv, sizeof(uv));
+    for (int i = 0; (mesh->flags & MESH_UVS) && i < 3; i++)
+        for (size_t k = 0; k < 2; k++)
+            uv[i][k] = (double)scene->uvs[2 * (size_t)(corner[i] + mesh->uv_shift) + k];
+    double budget = SCENE_EMISSION_BUDGET - arrays->looks_taken;
+    bool shines = scene_emission_triangle(scene, emitter->texture - 1, (const double(*)[2])uv,
+                                          &budget, mean);
+    arrays->looks_taken = SCENE_EMISSION_BUDGET - budget;
+    return shines;
+}
+
+/* Every triangle by itself, as what it emits changes over it, or how much of it is there */
+static bool add_triangles(struct patch *patch, const struct mesh *mesh,
+                          const struct emitter *emitter, struct light_arrays *arrays,
+                          struct err *err)
+{
+    for (uint32_t triangle = 0; triangle < patch->count; triangle++) {
+        struct polygon polygon = start_polygon(patch, triangle);
+        uint32_t light = (uint32_t)arrays->lights.count;
+        float radiance[3];
+        double mean[3];
+        if (emitter->texture != 0 &&
+            !mean_over(patch->scene, mesh, emitter, triangle, arrays, mean))
+            continue;
+        patch->owner[triangle] = light;
+        if (!radiance_of(emitter, polygon.area, radiance, err) ||
+            !add_polygon(patch, &polygon, mesh, emitter, radiance, arrays, err))
+            return false;
+        if (emitter->texture != 0 &&
+            !set_texture(emitter, mean, (struct light *)arrays->lights.data + light, err))
+            return false;
+    }
+    return true;
+}
+
 static bool add_polygons(struct patch *patch, const struct mesh *mesh,
                          const struct emitter *emitter, struct light_arrays *arrays,
                          struct err *err)
 {
+    if (emitter->texture != 0 || mesh->alpha != 0)
+        return add_triangles(patch, mesh, emitter, arrays, err);
     for (uint32_t triangle = 0; triangle < patch->count; triangle++) {
         if (patch->owner[triangle] != SCENE_NONE)
             continue;
@@ -313,8 +380,7 @@ static bool add_polygons(struct patch *patch, const struct mesh *mesh,
         patch->owner[triangle] = light;
         if (!radiance_of(emitter, polygon.area, radiance, err) ||
             !grow_polygon(patch, emitter, light, radiance, &polygon, err) ||
-            !add_polygon(patch, &polygon, mesh->flags & MESH_FLIP_NORMAL, emitter->two_sided,
-                         radiance, arrays, err))
+            !add_polygon(patch, &polygon, mesh, emitter, radiance, arrays, err))
             return false;
     }
     return true;
@@ -364,7 +430,7 @@ bool scene_lights_add_quadric(struct scene *scene, uint32_t index, const struct 
     if (!((float)area > 0))
         return fail(emitter, ERR_SCENE, err, "this light has no area");
     struct light light = { .kind = sphere ? LIGHT_SPHERE : LIGHT_DISK,
-                           .flags = emitter->two_sided ? LIGHT_TWO_SIDED : 0,
+                           .flags = light_flags(emitter, quadric->material),
                            .area = (float)area,
                            .quadric = index };
     memcpy(light.position, quadric->center, sizeof(light.position));
@@ -378,8 +444,36 @@ bool scene_lights_add_quadric(struct scene *scene, uint32_t index, const struct 
     }
     if (!radiance_of(emitter, area, light.radiance, err))
         return false;
+    if (emitter->texture != 0) {
+        double mean[3];
+        scene_emission_quadric(scene, emitter->texture - 1, quadric, mean);
+        if (!set_texture(emitter, mean, &light, err))
+            return false;
+    }
     quadric->light = (uint32_t)arrays->lights.count;
     return add_light(arrays, &light) != NULL || no_memory(err);
+}
+
+/* --- Portals ------------------------------------------------------------------------------ */
+
+bool scene_lights_add_portal(struct light *sky, const double corners[4][3],
+                             struct light_arrays *arrays, struct err *err)
+{
+    struct vec p[4];
+    for (int i = 0; i < 4; i++)
+        p[i] = (struct vec){ corners[i][0], corners[i][1], corners[i][2] };
+    struct vec n = cross(sub(p[1], p[0]), sub(p[3], p[0]));
+    double area = length(n);
+    sky->first_corner = (uint32_t)arrays->corners.count;
+    sky->corner_count = 4;
+    sky->area = (float)area;
+    sky->normal[0] = (float)(n.x / area);
+    sky->normal[1] = (float)(n.y / area);
+    sky->normal[2] = (float)(n.z / area);
+    float *to = growing_add(&arrays->corners, 4, 3 * sizeof(float));
+    for (int i = 0; to != NULL && i < 12; i++)
+        to[i] = (float)corners[i / 3][i % 3];
+    return to != NULL || no_memory(err);
 }
 
 /* --- Choosing ----------------------------------------------------------------------------- */
@@ -402,6 +496,8 @@ static double power_of(const struct light *light, double scene_radius)
     case LIGHT_DISTANT:
         return PI * scene_radius * scene_radius * bright;
     case LIGHT_SKY:
+        if (light->corner_count != 0)
+            return PI * (double)light->area * bright;
         return 4 * PI * PI * scene_radius * scene_radius * bright;
     default:
         return PI * light->area * bright * (light->flags & LIGHT_TWO_SIDED ? 2 : 1);

@@ -172,6 +172,12 @@ static void a_whole_scene_passes(void **state)
     X(s->lights[0].corner_count = POLYGON_MAX + 1, "corners")            \
     X(s->lights[0].first_corner = 1, "corners")                          \
     X(s->lights[0].area = 0, "no area")                                  \
+    X(s->lights[0].texture = 1, "no texture")                            \
+    X(s->lights[0].texture_scale = NAN, "not finite")                    \
+    X(s->lights[2].flags = LIGHT_UNSEEN, "no shape")                     \
+    X(s->lights[2].corner_count = 3, "cannot have its portal")           \
+    X(s->lights[2].corner_count = 4, "corners")                          \
+    X(s->quadrics[0].alpha = 1, "no texture")                            \
     X(s->lights[0].pick = 0, "probability")                              \
     X(s->lights[0].pick = 0.75f, "in all")                               \
     X(s->lights[1].quadric = 1, "do not know each other")                \

@@ -324,6 +324,21 @@ static void vertex_colours_tint_the_base_colour(void **state)
     uint32_t child = scene->textures[top - 1].child[0];
     assert_int_equal(scene->textures[child - 1].kind, TEXTURE_VERTEX_COLOR);
     scene_free(scene);
+
+    /* Copies of what emits, one for each place, have them too */
+    static const char twice[] =
+        "\"nodes\":[{\"mesh\":0},{\"mesh\":0,\"translation\":[0,0,10]}],"
+        "\"materials\":[{\"emissiveFactor\":[1,1,1]}],\"meshes\":[{\"primitives\":[{\"material\":0,"
+        "\"attributes\":{\"POSITION\":0,\"COLOR_0\":1}}]}]";
+    scene = scene_of(twice);
+    assert_int_equal(scene->mesh_count, 2);
+    for (uint32_t i = 0; i < 2; i++) {
+        const struct mesh *mesh = &scene->meshes[i];
+        assert_true(mesh->flags & MESH_COLORS);
+        uint32_t first = mesh->first_vertex + mesh->color_shift;
+        assert_memory_equal(scene->colors + 4 * (size_t)first, want, sizeof(want));
+    }
+    scene_free(scene);
 }
 
 /* --- Materials ---------------------------------------------------------------------------- */
@@ -365,7 +380,7 @@ static void metalness_chooses_between_coat_metal_and_a_mix(void **state)
         { "\"pbrMetallicRoughness\":{\"metallicFactor\":0.25}", MATERIAL_MIX, 0 },
         { "\"pbrMetallicRoughness\":{\"metallicFactor\":0},\"extensions\":"
           "{\"KHR_materials_unlit\":{}}",
-          MATERIAL_DIFFUSE, 0 },
+          MATERIAL_UNLIT, 0 },
         { "\"pbrMetallicRoughness\":{\"metallicFactor\":0},\"extensions\":"
           "{\"KHR_materials_specular\":{\"specularFactor\":0}}",
           MATERIAL_DIFFUSE, 0 },
@@ -604,15 +619,27 @@ static void emissive_surfaces_are_lights(void **state)
     EXPECT_NEAR(scene->lights[0].radiance[2], 2, 0);
     scene_free(scene);
 
-    /* One of two texels of each row has red: red and white; green: green and white */
-    static const char textured[] = WITH_MATERIAL(
-        "\"emissiveFactor\":[1,1,1],\"emissiveTexture\":{\"index\":0}");
-    scene = scene_of(textured);
-    assert_int_equal(scene->lights[0].flags, 0);
-    for (int c = 0; c < 3; c++)
-        EXPECT_NEAR(scene->lights[0].radiance[c], 0.5, 1e-6);
+    /* A picture: what it shows, times the factor, and about its mean */
+    scene = scene_of(WITH_MATERIAL("\"emissiveFactor\":[0.5,1,1],\"emissiveTexture\":{\"index\":0},"
+                                   "\"extensions\":{\"KHR_materials_emissive_strength\":"
+                                   "{\"emissiveStrength\":4}}"));
+    const struct light *light = &scene->lights[0];
+    assert_int_equal(light->flags, 0);
+    EXPECT_NEAR(light->texture_scale, 1, 0);
+    const struct texture *product = &scene->textures[light->texture - 1];
+    assert_int_equal(product->kind, TEXTURE_SCALE);
+    assert_int_equal(scene->textures[product->child[0] - 1].kind, TEXTURE_IMAGE);
+    EXPECT_NEAR(product->value[1][0], 2, 0);
+    EXPECT_NEAR(product->value[1][1], 4, 0);
+    EXPECT_NEAR(light->radiance[0], 1, 1);
+    EXPECT_NEAR(light->radiance[1], 2, 2);
     scene_free(scene);
-    expect_note(textured, "emits the texture's mean");
+
+    /* What is unlit shows itself and emits nothing */
+    scene = scene_of(WITH_MATERIAL("\"emissiveFactor\":[1,1,1],\"extensions\":"
+                                   "{\"KHR_materials_unlit\":{}}"));
+    assert_int_equal(scene->meshes[0].first_emissive, SCENE_NONE);
+    scene_free(scene);
 }
 
 static void what_is_approximated_is_said_and_counted(void **state)
@@ -621,7 +648,7 @@ static void what_is_approximated_is_said_and_counted(void **state)
     static const char *const rows[][2] = {
         { "\"extensions\":{\"KHR_materials_sheen\":{}}", "KHR_materials_sheen is left out" },
         { "\"extensions\":{\"KHR_materials_iridescence\":{}}", "iridescence is left out" },
-        { "\"extensions\":{\"KHR_materials_unlit\":{}}", "unlit materials are diffuse" },
+        { "\"extensions\":{\"KHR_materials_unlit\":{}}", "seen by the camera and in mirrors" },
         { "\"occlusionTexture\":{\"index\":0}", "occlusion textures are not used" },
         { "\"extensions\":{\"KHR_materials_specular\":{\"specularFactor\":0.5}}",
           "another index of refraction" },

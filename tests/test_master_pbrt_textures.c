@@ -645,8 +645,6 @@ static void whatever_is_wrong_is_said_with_its_position(void **state)
         { W "Texture \"t\" \"spectrum\" \"imagemap\" \"string filename\"\n\"cut.tga\" "
             "Material \"diffuse\" \"texture reflectance\" \"t\" Shape \"sphere\"",
           "text.pbrt:3:1: ", ERR_SCENE },
-        { W "AreaLightSource \"diffuse\" Shape \"sphere\" \"float alpha\" 0",
-          "light from a shape that is not seen is not supported yet", ERR_UNSUPPORTED },
     };
     for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++)
         reader_text_refused(rows[i].text, scratch_path(folder, "text.pbrt"), rows[i].code,

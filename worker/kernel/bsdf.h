@@ -63,7 +63,7 @@ LANE_FN struct bsdf8 bsdf_of_materials(const struct scene *scene, const struct m
     b.coat_tables = scene->coat_tables;
     b.id = id;
     const unsigned other = FX_MIXTURE | FX_CONDUCTOR | FX_DIELECTRIC | FX_COAT | FX_MIX | FX_THIN |
-                           FX_COATED_CONDUCTOR;
+                           FX_COATED_CONDUCTOR | FX_TEXTURE;
     b.kind = fx & other ? GATHER_I(materials, struct material, kind, id) : I8(MATERIAL_DIFFUSE);
     b.reflectance = GATHER3(materials, struct material, reflectance, id);
     return b;

@@ -109,6 +109,9 @@ bool environment_open(struct environment_table *table, const struct scene *scene
     table->height = (int32_t)height;
     table->layout = (int32_t)environment->layout;
     table->light = environment->light;
+    table->has_portal = environment->light < scene->light_count &&
+                        scene->lights[environment->light].kind == LIGHT_SKY &&
+                        scene->lights[environment->light].corner_count == 4;
     memcpy(table->to_light, environment->to_light, sizeof(table->to_light));
 
     double *row_weights = weights + width;
@@ -131,7 +134,7 @@ bool environment_open(struct environment_table *table, const struct scene *scene
         table->row_bounds[y] = (float)(half * half);
     }
     free(weights);
-    return true;
+    return !table->has_portal || portal_open(&table->portal, scene, table, err);
 }
 
 void environment_close(struct environment_table *table)
@@ -142,4 +145,5 @@ void environment_close(struct environment_table *table)
     free(table->column_guide.first);
     free(table->row_density);
     free(table->row_bounds);
+    portal_close(&table->portal);
 }

@@ -16,6 +16,7 @@
 #include "common/elem.h"
 #include "common/lane.h"
 #include "common/scene.h"
+#include "worker/kernel/portal.h"
 
 #include <stdbool.h>
 
@@ -38,7 +39,9 @@ struct environment_guide {
 
 struct environment_table {
     int32_t width, height, layout;
-    uint32_t light; /* the scene's light that it belongs to */
+    uint32_t light;                  /* the scene's light that it belongs to */
+    int has_portal;                  /* only light.h asks it: nothing here knows of it */
+    struct portal portal;
     float to_light[9];
     struct environment_texel *texels;
     uint32_t *rows; /* height + 1: of 2^24 chances, those of the rows before */

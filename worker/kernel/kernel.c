@@ -7,6 +7,7 @@
 #include "common/pages.h"
 #include "proto/digest.h"
 #include "worker/kernel/alpha.h"
+#include "worker/kernel/emission.h"
 #include "worker/kernel/first_hit.h"
 #include "worker/kernel/micro.h"
 #include "worker/kernel/path.h"
@@ -150,7 +151,7 @@ static bool lights_open(struct kernel_scene *ks, struct err *err)
     if ((scene->settings.effects & FX_LIGHT_TREE) &&
         !light_tree_open(&ks->light_tree, scene, ks->light_pmf, err))
         return false;
-    return environments_open(ks, err);
+    return environments_open(ks, err) && emission_open(ks, err);
 }
 
 /* ---- textures */
@@ -200,6 +201,9 @@ static bool textures_open(struct kernel_scene *ks, struct err *err)
     bool any_alpha = false;
     for (uint32_t i = 0; i < scene->mesh_count; i++)
         any_alpha |= scene->meshes[i].alpha != 0;
+    ks->has_alpha = any_alpha;
+    for (uint32_t i = 0; i < scene->quadric_count; i++)
+        ks->has_alpha |= scene->quadrics[i].alpha != 0;
     if (!any_alpha)
         return true;
     ks->alpha_meshes = calloc(scene->mesh_count, sizeof(*ks->alpha_meshes));
@@ -242,7 +246,7 @@ static bool meshes_attach(struct kernel_scene *ks, RTCScene rtc, const struct gr
 }
 
 static bool quadrics_attach(struct kernel_scene *ks, RTCScene rtc, const struct group *group,
-                            uint32_t geometry_id, struct err *err)
+                            uint32_t geometry_id, struct kernel_quadrics *quadrics, struct err *err)
 {
     if (group->quadric_count == 0)
         return true;
@@ -251,7 +255,8 @@ static bool quadrics_attach(struct kernel_scene *ks, RTCScene rtc, const struct 
         return err_set(err, ERR_MEMORY, "no memory for %u spheres and disks", group->quadric_count);
     bool avx2 = has_avx2();
     rtcSetGeometryUserPrimitiveCount(geometry, group->quadric_count);
-    rtcSetGeometryUserData(geometry, &ks->scene->quadrics[group->first_quadric]);
+    *quadrics = (struct kernel_quadrics){ ks, &ks->scene->quadrics[group->first_quadric] };
+    rtcSetGeometryUserData(geometry, quadrics);
     /* Bounds are in double precision nowhere, so one version serves both instruction sets */
     rtcSetGeometryBoundsFunction(geometry, path_quadric_bounds_base, NULL);
     rtcSetGeometryIntersectFunction(geometry, avx2 ? path_quadric_intersect_avx2
@@ -280,7 +285,7 @@ static bool groups_open(struct kernel_scene *ks, struct err *err)
         RTCScene rtc = ks->groups[i].rtc = rtcNewScene(ks->device);
         rtcSetSceneFlags(rtc, RTC_SCENE_FLAG_ROBUST);
         if (!meshes_attach(ks, rtc, group, err) ||
-            !quadrics_attach(ks, rtc, group, group->mesh_count, err))
+            !quadrics_attach(ks, rtc, group, group->mesh_count, &ks->groups[i].quadrics, err))
             return false;
         rtcCommitScene(rtc);
         rtcGetSceneBounds(rtc, &ks->groups[i].bounds);
@@ -342,8 +347,8 @@ static bool geometry_open(struct kernel_scene *ks, struct err *err)
         world = (struct group){ .mesh_count = scene->groups[0].first_mesh,
                                 .quadric_count = scene->groups[0].first_quadric };
     if (!meshes_attach(ks, ks->rtc, &world, err) ||
-        !quadrics_attach(ks, ks->rtc, &world, scene->mesh_count, err) || !groups_open(ks, err) ||
-        !instances_attach(ks, err))
+        !quadrics_attach(ks, ks->rtc, &world, scene->mesh_count, &ks->quadrics, err) ||
+        !groups_open(ks, err) || !instances_attach(ks, err))
         return false;
     rtcCommitScene(ks->rtc);
     rtcSetDeviceErrorFunction(ks->device, NULL, NULL);
@@ -436,6 +441,7 @@ void kernel_close(struct kernel_scene *ks)
     if (ks->device != NULL)
         rtcReleaseDevice(ks->device);
     environments_close(ks);
+    emission_close(ks);
     free(ks->groups);
     free(ks->light_cdf);
     free(ks->light_pmf);

@@ -25,15 +25,23 @@
 #define SPAWN_ULPS 0x1p-20f
 
 struct alpha_mesh;
+struct emission;
 struct first_hit;
 struct kernel_thread;
 struct path_stats;
 struct ray_log;
 
+/* What Embree's callbacks for the spheres and disks of a group, or of the world, are given */
+struct kernel_quadrics {
+    const struct kernel_scene *ks;
+    const struct quadric *first;
+};
+
 /* A group of shapes in its own space */
 struct kernel_group {
     struct RTCBounds bounds;
     RTCScene rtc;
+    struct kernel_quadrics quadrics;
 };
 
 struct kernel_scene {
@@ -43,8 +51,9 @@ struct kernel_scene {
     uint32_t max_depth;
     RTCDevice device;
     RTCScene rtc;
-    int32_t quadric_geometry;    /* geomID of all quadrics; meshes have their index */
-    struct kernel_group *groups; /* one per group of the scene */
+    int32_t quadric_geometry;        /* geomID of all quadrics; meshes have their index */
+    struct kernel_group *groups;     /* one per group of the scene */
+    struct kernel_quadrics quadrics; /* of the world */
     struct sampler sampler;
     struct filter_table filter;
     struct path_dfa dfa;
@@ -60,11 +69,13 @@ struct kernel_scene {
     int lights_sampled;           /* any light with pmf > 0 */
     float far_distance;           /* beyond everything in the scene */
     struct environment_table *environments; /* scene->environment_count */
+    struct emission *emission; /* of each light; NULL when none changes over its surface */
 
     /* Textures */
     struct texture_set *textures;
     int32_t *textured; /* of each material, enum textured_part; of a mix, of all that it mixes */
     struct alpha_mesh *alpha_meshes; /* one per mesh; NULL when no mesh has an alpha texture */
+    int has_alpha;                   /* some mesh or quadric has one */
     float footprint_size, footprint_angle; /* width of the footprint, at and with distance */
 
     void (*leaf)(const struct kernel_scene *ks, struct kernel_thread *thread, uint32_t tile,

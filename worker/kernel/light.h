@@ -4,9 +4,11 @@
  *
  * Area lights are sampled over what the receiver sees of them: polygons uniformly in solid angle as
  * a fan of spherical triangles, spheres over their visible cone; disks, and receivers inside a
- * sphere, uniformly in area. Skies with an environment are sampled by its radiance. `pdf` is per
- * solid angle at the receiver, the choice of the light included; delta lights have `delta` set and
- * pdf the probability of the choice. pdf_position (per area) and pdf_direction (per solid angle)
+ * sphere or with one that is there in part, uniformly in area. What a texture makes of their
+ * emission changes no density. Skies with an environment are sampled by its radiance, and
+ * by what comes through their portal. `pdf` is per solid angle at the receiver, the choice of
+ * the light included; lights that no ray finds have `delta` set, and those without area have pdf
+ * the probability of the choice. pdf_position (per area) and pdf_direction (per solid angle)
  * are the densities of emission from there, for methods that start at the light.
  */
 #ifndef WORKER_KERNEL_LIGHT_H
@@ -14,6 +16,7 @@
 
 #include "common/elem.h"
 #include "worker/kernel/bsdf.h"
+#include "worker/kernel/emission.h"
 #include "worker/kernel/environment.h"
 #include "worker/kernel/frame.h"
 #include "worker/kernel/kernel_scene.h"
@@ -382,6 +385,12 @@ LANE_FN struct vec3x8 sphere_sample(const struct cone8 *cone, f8 radius, f8 u, f
     return vec3x8_scale(point, radius);
 }
 
+/* Through holes one sees the far side, too, which samples of the cone never reach */
+LANE_FN i8 sphere_whole(const struct kernel_scene *ks, i8 quadric)
+{
+    return GATHER_I(ks->scene->quadrics, struct quadric, alpha, quadric) == 0;
+}
+
 LANE_FN f8 sphere_pdf(const struct cone8 *cone, f8 radius, f8 cosine, f8 d2)
 {
     f8 by_cone = 0.5f * PI_INV_F / cone->one_minus_cos;
@@ -432,6 +441,8 @@ LANE_FN f8 light_pdf(const struct kernel_scene *ks, unsigned fx, i8 valid, i8 li
             struct vec3x8 center = GATHER3(ks->scene->quadrics, struct quadric, center, quadric);
             f8 radius = GATHER(ks->scene->quadrics, struct quadric, world_radius, quadric);
             struct cone8 cone = sphere_cone(p, center, radius);
+            if (fx & FX_TEXTURE)
+                cone.outside &= sphere_whole(ks, quadric);
             pdf = f8_select(lanes, sphere_pdf(&cone, radius, cosine, d2), pdf);
         }
     }
@@ -470,6 +481,46 @@ LANE_FN struct vec3x8 point_intensity(const struct kernel_scene *ks, unsigned fx
     return intensity;
 }
 
+/* ---- portals; not inlined, as they are rare and long */
+
+/* What is seen from o in the lanes of `todo` of an environment with a portal, along s->wi, and the
+ * density with which light sampling chooses that direction; s->L is what the environment says */
+static __attribute__((noinline, unused)) void light_through(const struct environment_table *env,
+                                                            unsigned todo, const struct vec3x8 *o,
+                                                            struct environment_sample8 *s)
+{
+    s->pdf = F8(0);
+    for (; todo != 0; todo &= todo - 1) {
+        unsigned lane = (unsigned)__builtin_ctz(todo);
+        const float from[3] = { o->x[lane], o->y[lane], o->z[lane] };
+        const float w[3] = { s->wi.x[lane], s->wi.y[lane], s->wi.z[lane] };
+        s->pdf[lane] = portal_pdf(&env->portal, from, w);
+    }
+    s->L = vec3x8_select(s->pdf > 0, s->L, vec3x8_all(0, 0, 0));
+}
+
+/* A direction from p through the portal by (u, v), in the lanes of `todo`; pdf 0 where p is behind
+ */
+static __attribute__((noinline, unused)) void
+light_sample_through(const struct environment_table *env, unsigned todo, const struct vec3x8 *p,
+                     const f8 *u, const f8 *v, struct environment_sample8 *s)
+{
+    s->wi = vec3x8_all(0, 0, 1);
+    s->pdf = F8(0);
+    for (; todo != 0; todo &= todo - 1) {
+        unsigned lane = (unsigned)__builtin_ctz(todo);
+        const float from[3] = { p->x[lane], p->y[lane], p->z[lane] };
+        float w[3], pdf;
+        if (!portal_sample(&env->portal, from, (*u)[lane], (*v)[lane], w, &pdf))
+            continue;
+        s->wi.x[lane] = w[0];
+        s->wi.y[lane] = w[1];
+        s->wi.z[lane] = w[2];
+        s->pdf[lane] = pdf;
+    }
+    s->L = environment_radiance(env, s->wi);
+}
+
 /* The sky's part of light_sample, for the lanes whose light is one with an environment */
 LANE_FN void sky_sample(const struct kernel_scene *ks, unsigned fx, i8 sky, i8 light,
                         struct vec3x8 p, f8 chosen, f8 u, f8 v, struct light_sample8 *out)
@@ -480,7 +531,18 @@ LANE_FN void sky_sample(const struct kernel_scene *ks, unsigned fx, i8 sky, i8 l
         i8 lanes = sky & (environment == (int32_t)e);
         if (!i8_any(lanes))
             continue;
-        struct environment_sample8 s = environment_sample(&ks->environments[e], u, v);
+        const struct environment_table *env = &ks->environments[e];
+        struct environment_sample8 s;
+        if (env->has_portal) {
+            /* Copies: what has its address taken is in memory for good */
+            struct vec3x8 from = p;
+            f8 su = u, sv = v;
+            struct environment_sample8 through;
+            light_sample_through(env, i8_bits(lanes), &from, &su, &sv, &through);
+            s = through;
+        } else {
+            s = environment_sample(env, u, v);
+        }
         out->wi = vec3x8_select(lanes, s.wi, out->wi);
         out->point = vec3x8_select(lanes, vec3x8_along(p, s.wi, far), out->point);
         out->distance = f8_select(lanes, far, out->distance);
@@ -490,6 +552,24 @@ LANE_FN void sky_sample(const struct kernel_scene *ks, unsigned fx, i8 sky, i8 l
         out->pdf_position = f8_select(lanes, disk, out->pdf_position);
         out->pdf_direction = f8_select(lanes, s.pdf, out->pdf_direction);
         out->valid |= lanes;
+    }
+}
+
+/* What the lights of the lanes in `todo` send from their points `to` away from p, where textures
+ * have a say; their radiance elsewhere */
+static __attribute__((noinline, unused)) void
+light_emission(const struct kernel_scene *ks, unsigned todo, const i8 *light,
+               const struct vec3x8 *p, const struct vec3x8 *to, struct vec3x8 *radiance)
+{
+    for (; todo != 0; todo &= todo - 1) {
+        unsigned lane = (unsigned)__builtin_ctz(todo);
+        const float from[3] = { p->x[lane], p->y[lane], p->z[lane] };
+        const float way[3] = { to->x[lane], to->y[lane], to->z[lane] };
+        float rgb[3] = { radiance->x[lane], radiance->y[lane], radiance->z[lane] };
+        emission_sampled(ks, (uint32_t)(*light)[lane], from, way, rgb);
+        radiance->x[lane] = rgb[0];
+        radiance->y[lane] = rgb[1];
+        radiance->z[lane] = rgb[2];
     }
 }
 
@@ -538,6 +618,8 @@ LANE_FN struct light_sample8 light_sample(const struct kernel_scene *ks, unsigne
             f8 radius = GATHER(quadrics, struct quadric, world_radius, quadric);
             i8 flags = GATHER_I(quadrics, struct quadric, flags, quadric);
             struct cone8 cone = sphere_cone(p, center, radius);
+            if (fx & FX_TEXTURE)
+                cone.outside &= sphere_whole(ks, quadric);
             struct vec3x8 on = sphere_sample(&cone, radius, u, v);
             struct vec3x8 point = vec3x8_add(cone.to, on);
             struct vec3x8 normal = vec3x8_scale(on, 1 / radius);
@@ -636,6 +718,17 @@ LANE_FN struct light_sample8 light_sample(const struct kernel_scene *ks, unsigne
 
     out.pdf = out.pdf * chosen;
     out.valid &= (out.pdf > 0) & (out.pdf < __builtin_inff());
+    if (fx & FX_DELTA_LIGHT)
+        out.delta |= (LIGHT_I(flags) & LIGHT_UNSEEN) != 0;
+    if ((fx & FX_TEXTURE) && ks->emission != NULL) {
+        i8 lanes = out.valid & (kind <= LIGHT_DISK);
+        if (i8_any(lanes)) {
+            i8 of = light;
+            struct vec3x8 from = p, way = to, radiance = out.radiance;
+            light_emission(ks, i8_bits(lanes), &of, &from, &way, &radiance);
+            out.radiance = radiance;
+        }
+    }
     return out;
 }
 

@@ -7,7 +7,9 @@
 
 #include "common/hash.h"
 #include "common/sampler.h"
+#include "worker/kernel/alpha.h"
 #include "worker/kernel/camera.h"
+#include "worker/kernel/emission.h"
 #include "worker/kernel/first_hit.h"
 #include "worker/kernel/frame.h"
 #include "worker/kernel/hit.h"
@@ -200,6 +202,28 @@ LANE_FN void texture_points(const struct kernel_scene *ks, struct kernel_thread 
     }
 }
 
+/* What the lights of the lanes in `lanes` emit at the surface; Le where it is the same everywhere
+ */
+LANE_FN struct vec3x8 texture_emission(const struct kernel_scene *ks, struct kernel_thread *thread,
+                                       i8 lanes, i8 light, const struct surface8 *s,
+                                       struct vec3x8 Le)
+{
+    lanes &= GATHER_I(ks->scene->lights, struct light, texture, light) != 0;
+    if (!i8_any(lanes))
+        return Le;
+    texture_points(ks, thread, lanes, s);
+    for (unsigned todo = i8_bits(lanes); todo != 0; todo &= todo - 1) {
+        int lane = __builtin_ctz(todo);
+        float rgb[3];
+        thread->points[lane].width = 0;
+        emission_seen(ks, (uint32_t)light[lane], &thread->points[lane], rgb);
+        Le.x[lane] = rgb[0];
+        Le.y[lane] = rgb[1];
+        Le.z[lane] = rgb[2];
+    }
+    return Le;
+}
+
 /* `amount` of the mixes `id` of the lanes in `lanes`, where it has a texture */
 LANE_FN f8 texture_amounts(const struct kernel_scene *ks, const struct kernel_thread *thread,
                            i8 lanes, i8 id, f8 amount)
@@ -283,7 +307,7 @@ LANE_FN i8 unoccluded(const struct kernel_scene *ks, struct kernel_thread *threa
     f8_store(ray.time, time);
     i8_store(ray.mask, I8(-1));
     i8_store(ray.flags, I8(0));
-    if ((fx & FX_TEXTURE) && ks->alpha_meshes != NULL)
+    if ((fx & FX_TEXTURE) && ks->has_alpha)
         i8_store(ray.id, (i8)ray_hash(o, to));
     if (thread->log != NULL)
         ray_log_add(thread->log, &ray, i8_bits(valid), true);
@@ -321,6 +345,13 @@ LANE_FN struct vec3x8 sky_seen(const struct kernel_scene *ks, unsigned fx, i8 sk
         if (ks->scene->lights[env->light].kind != LIGHT_SKY)
             continue;
         struct environment_sample8 seen = environment_seen(env, path->d);
+        if (env->has_portal) {
+            /* Copies: what has its address taken is in memory for good */
+            struct vec3x8 o = path->o;
+            struct environment_sample8 through = seen;
+            light_through(env, i8_bits(sky), &o, &through);
+            seen = through;
+        }
         f8 pdf_light = seen.pdf * light_pick(ks, fx, sky & rival, path->from, path->side,
                                              I8((int32_t)env->light));
         f8 w = f8_select(rival, mis_weight(path->pdf, pdf_light), F8(1));
@@ -395,7 +426,7 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         i8_store(ray.hit.geomID, I8(-1));
         i8_store(ray.hit.primID, I8(-1));
         i8_store(ray.hit.instID[0], I8(-1));
-        if ((fx & FX_TEXTURE) && ks->alpha_meshes != NULL)
+        if ((fx & FX_TEXTURE) && ks->has_alpha)
             i8_store(ray.ray.id, (i8)ray_hash(path.o, path.d));
         if (thread->log != NULL)
             ray_log_add(thread->log, &ray.ray, i8_bits(active), false);
@@ -457,6 +488,8 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
                 n = vec3x8_select(polygon, LIGHT3(normal), n);
             }
             emits &= light_faces(ks, fx, light, vec3x8_dot(n, wo_world));
+            if (fx & FX_DELTA_LIGHT)
+                emits &= (LIGHT_I(flags) & LIGHT_UNSEEN) == 0;
             i8 rival = emits & (path.pdf > 0);
             f8 w = F8(1);
             if (i8_any(rival)) {
@@ -464,6 +497,8 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
                 w = f8_select(rival, mis_weight(path.pdf, pdf_light), w);
             }
             struct vec3x8 Le = LIGHT3(radiance);
+            if ((fx & FX_TEXTURE) && ks->emission != NULL)
+                Le = texture_emission(ks, thread, emits, light, &s, Le);
             struct vec3x8 seen = vec3x8_mul(vec3x8_scale(path.beta, w), Le);
             path.L = vec3x8_add_where(emits, path.L, seen);
         }
@@ -510,6 +545,13 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         }
         struct bsdf8 bsdf = bsdf_of_materials(scene, materials, fx, own);
         i8 go = hit;
+        if (fx & FX_TEXTURE) {
+            i8 unlit = go & (bsdf.kind == MATERIAL_UNLIT), shown = unlit & (path.pdf == 0);
+            if (fx & FX_PATHS)
+                shown &= i8_gather(ks->dfa.accepts, path.state);
+            path.L = vec3x8_add_where(shown, path.L, vec3x8_mul(path.beta, bsdf.reflectance));
+            go &= ~unlit;
+        }
         i8 black = (bsdf.kind == MATERIAL_DIFFUSE) & (vec3x8_max(bsdf.reflectance) <= 0);
         go &= ~black;
 
@@ -661,7 +703,8 @@ KERNEL_VARIANTS(X)
 
 void JOIN(path_quadric_, bounds, KERNEL_ISA)(const struct RTCBoundsFunctionArguments *args)
 {
-    const struct quadric *q = (const struct quadric *)args->geometryUserPtr + args->primID;
+    const struct kernel_quadrics *quadrics = args->geometryUserPtr;
+    const struct quadric *q = &quadrics->first[args->primID];
     float half[3];
     for (int axis = 0; axis < 3; axis++) {
         /* The image of a ball reaches |row| * radius along each axis; a disk's, |x, y part of row|
@@ -708,9 +751,58 @@ LANE_FN struct callback8 callback_load(const int *valid, const float *rays, unsi
     return c;
 }
 
+/* The nearest hits that count of rays with a quadric that is there in part: of its two hits the
+ * second may, where the first does not */
+static __attribute__((noinline)) void quadric_in_part(const struct kernel_scene *ks,
+                                                      const struct quadric *q, unsigned geometry,
+                                                      unsigned prim, const struct callback8 *c,
+                                                      i8 *hit, f8 *t)
+{
+    i8 pending = *hit, found = I8(0);
+    f8 at = *t;
+    for (uint32_t turn = 0; turn < 2 && i8_any(pending); turn++) {
+        for (unsigned todo = i8_bits(pending); todo != 0; todo &= todo - 1) {
+            int lane = __builtin_ctz(todo);
+            const struct alpha_hit met = { .o = { c->o.x[lane], c->o.y[lane], c->o.z[lane] },
+                                           .d = { c->d.x[lane], c->d.y[lane], c->d.z[lane] },
+                                           .t = at[lane],
+                                           .ray = (uint32_t)((i8)c->id)[lane],
+                                           .geometry = geometry,
+                                           .prim = prim,
+                                           .turn = turn };
+            if (alpha_quadric(ks, q, &met)) {
+                found[lane] = -1;
+                (*t)[lane] = at[lane];
+            }
+        }
+        pending &= ~found;
+        f8 beyond = at + f8_max(at * 0x1p-22f, F8(0x1p-126f));
+        pending = quadric_intersect(q, pending, c->o, c->d, beyond, c->tfar, &at);
+    }
+    *hit = found;
+}
+
+/* What rays find of a quadric */
+LANE_FN i8 quadric_found(const struct kernel_quadrics *quadrics, unsigned geometry, unsigned prim,
+                         const struct callback8 *c, f8 *t)
+{
+    const struct quadric *q = &quadrics->first[prim];
+    i8 hit = quadric_intersect(q, c->valid, c->o, c->d, c->tnear, c->tfar, t);
+    if (__builtin_expect(q->alpha != 0, 0) && i8_any(hit)) {
+        struct callback8 rays = *c;
+        i8 some = hit;
+        f8 at = *t;
+        quadric_in_part(quadrics->ks, q, geometry, prim, &rays, &some, &at);
+        *t = at;
+        hit = some;
+    }
+    return hit;
+}
+
 void JOIN(path_quadric_, intersect, KERNEL_ISA)(const struct RTCIntersectFunctionNArguments *args)
 {
-    const struct quadric *q = (const struct quadric *)args->geometryUserPtr + args->primID;
+    const struct kernel_quadrics *quadrics = args->geometryUserPtr;
+    const struct quadric *q = &quadrics->first[args->primID];
     unsigned N = args->N;
     float *rays = (float *)args->rayhit;
     unsigned *hits = (unsigned *)args->rayhit + (size_t)RAY_ROWS * N;
@@ -719,7 +811,7 @@ void JOIN(path_quadric_, intersect, KERNEL_ISA)(const struct RTCIntersectFunctio
     for (unsigned first = 0; first < N; first += LANES) {
         struct callback8 c = callback_load(args->valid, rays, N, first);
         f8 t;
-        i8 hit = quadric_intersect(q, c.valid, c.o, c.d, c.tnear, c.tfar, &t);
+        i8 hit = quadric_found(quadrics, args->geomID, args->primID, &c, &t);
         for (unsigned todo = i8_bits(hit); todo != 0; todo &= todo - 1) {
             unsigned lane = (unsigned)__builtin_ctz(todo), i = first + lane;
             rays[RAY_TFAR * N + i] = t[lane];
@@ -732,7 +824,8 @@ void JOIN(path_quadric_, intersect, KERNEL_ISA)(const struct RTCIntersectFunctio
 
 void JOIN(path_quadric_, occluded, KERNEL_ISA)(const struct RTCOccludedFunctionNArguments *args)
 {
-    const struct quadric *q = (const struct quadric *)args->geometryUserPtr + args->primID;
+    const struct kernel_quadrics *quadrics = args->geometryUserPtr;
+    const struct quadric *q = &quadrics->first[args->primID];
     unsigned N = args->N;
     float *rays = (float *)args->ray;
     if (q->material == SCENE_NONE)
@@ -740,7 +833,7 @@ void JOIN(path_quadric_, occluded, KERNEL_ISA)(const struct RTCOccludedFunctionN
     for (unsigned first = 0; first < N; first += LANES) {
         struct callback8 c = callback_load(args->valid, rays, N, first);
         f8 t;
-        i8 hit = quadric_intersect(q, c.valid, c.o, c.d, c.tnear, c.tfar, &t);
+        i8 hit = quadric_found(quadrics, args->geomID, args->primID, &c, &t);
         for (unsigned todo = i8_bits(hit); todo != 0; todo &= todo - 1)
             rays[RAY_TFAR * N + first + (unsigned)__builtin_ctz(todo)] = -__builtin_inff();
     }
@@ -835,7 +928,8 @@ LANE_FN void instance_rays(const struct kernel_scene *ks, unsigned instance, str
     f8_store(ray->tnear, c->tnear);
     f8_store(ray->tfar, c->tfar);
     f8_store(ray->time, c->time);
-    f8_store(ray->id, c->id); /* bits, which alpha.h knows the ray by */
+    /* What alpha.h knows the ray by: here another, as it may pass the same shape elsewhere */
+    i8_store(ray->id, (i8)u8_hash((u8)c->id ^ (instance + 1) * 0x9e3779b9u));
     i8_store(ray->mask, I8(-1));
     i8_store(ray->flags, I8(0));
 }
