@@ -666,7 +666,7 @@ static void glass_holds_its_colour_between_its_faces(void **state)
     for (int planted = 0; planted < 2; planted++) {
         struct scene *scene = narrow_scene();
         scenes_sky(scene, 1);
-        const float sigma[3] = { planted ? 1.02f : 1, 0, 2 };
+        const float sigma[3] = { planted ? 1.05f : 1, 0, 2 };
         uint32_t medium = add_medium(scene, sigma, none, 0);
         uint32_t glass = scenes_material(
             scene, (struct material){ .kind = MATERIAL_DIELECTRIC, .ior = 1.5f });
