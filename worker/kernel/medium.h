@@ -147,6 +147,7 @@ LANE_FN i8 medium_beyond(const struct surface8 *s, i8 medium, f8 w_side)
 /* The way from a vertex to a light */
 struct medium_ray8 {
     struct vec3x8 o, end;
+    f8 lead;   /* how much of it lies before o, which was moved off its surface */
     i8 medium; /* that it starts in */
     i8 beyond; /* lanes whose light is at infinity, and `end` nothing but behind everything */
     f8 time;
@@ -210,7 +211,7 @@ static __attribute__((noinline, unused)) i8 medium_light(const struct kernel_sce
         i8 crossed = hit & (s.material == -1) & I8(crossing < MEDIUM_CROSSINGS ? -1 : 0);
         *T = vec3x8_select(hit & ~crossed, vec3x8_all(0, 0, 0), *T);
         struct vec3x8 flown = vec3x8_select(crossed, vec3x8_sub(s.p, way->o), to);
-        f8 distance = f8_sqrt(vec3x8_length2(flown));
+        f8 distance = f8_sqrt(vec3x8_length2(flown)) + way->lead;
         distance = f8_select(way->beyond & ~hit, F8(MEDIUM_FAR), distance);
         struct medium8 m = medium_of(ks->scene, way->medium);
         struct vec3x8 sigma_t = vec3x8_add(m.sigma_a, m.sigma_s);
@@ -219,6 +220,7 @@ static __attribute__((noinline, unused)) i8 medium_light(const struct kernel_sce
         f8 side = vec3x8_dot(s.ng, to);
         struct vec3x8 behind = vec3x8_along(s.p, s.ng, f8_mulsign(s.spawn, side));
         way->o = vec3x8_select(crossed, behind, way->o);
+        way->lead = s.spawn * f8_abs(side) / f8_sqrt(vec3x8_length2(to));
         way->medium = i8_select(crossed, medium_beyond(&s, way->medium, side), way->medium);
         /* A light closer to the surface than rays start from it has been reached */
         i8 ahead = vec3x8_dot(vec3x8_sub(way->end, way->o), to) > 0;

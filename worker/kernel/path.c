@@ -47,6 +47,7 @@ struct path8 {
     struct sample_key8 key;
     i8 events; /* scattering events so far */
     i8 medium; /* that the next ray starts in, 1 + index or 0; with FX_MEDIUM */
+    f8 lead;   /* the part of the ray before o, which was moved off its surface; with FX_MEDIUM */
     i8 passed; /* surfaces between media on the way, which take a vertex's numbers, too */
     i8 state;  /* of the path automaton */
     i8 slot;   /* sample of the leaf */
@@ -144,6 +145,7 @@ LANE_FN unsigned camera_batch_take(struct camera_batch *batch, const struct kern
         uint32_t medium = ks->scene->settings.camera_medium;
         path->medium = i8_select(fresh, I8((int32_t)medium), path->medium);
         path->passed = path->passed & ~fresh;
+        path->lead = f8_select(fresh, F8(0), path->lead);
     }
     if (fx & FX_PATHS)
         path->state = i8_select(fresh, I8((int32_t)ks->dfa.start), path->state);
@@ -355,7 +357,7 @@ LANE_FN i8 fly(const struct kernel_scene *ks, unsigned fx, i8 active, i8 hit, st
     f8 u_color, u;
     sampler_2d(&ks->sampler, (fx & FX_SAMPLER_ANY) != 0, &path->key,
                vertex_dimension(path, SAMPLE_DISTANCE), &u_color, &u);
-    f8 far = f8_max(vec3x8_dot(vec3x8_sub(s->p, path->o), path->d), F8(0));
+    f8 far = f8_max(vec3x8_dot(vec3x8_sub(s->p, path->o), path->d) + path->lead, F8(0));
     struct medium8 medium = medium_of(ks->scene, path->medium);
     struct flight8 flight = medium_fly(&medium, path->beta, f8_select(hit, far, F8(MEDIUM_FAR)),
                                        u_color, u);
@@ -365,7 +367,8 @@ LANE_FN i8 fly(const struct kernel_scene *ks, unsigned fx, i8 active, i8 hit, st
     path->L = vec3x8_add_where(glows, path->L, flight.emitted);
     path->beta = vec3x8_select(inside, flight.beta, path->beta);
     i8 scattered = inside & flight.scattered;
-    struct vec3x8 p = vec3x8_along(path->o, path->d, flight.distance);
+    f8 t = f8_max(flight.distance - path->lead, F8(0));
+    struct vec3x8 p = vec3x8_along(path->o, path->d, t);
     s->p = vec3x8_select(scattered, p, s->p);
     s->spawn = f8_select(scattered, F8(0), s->spawn);
     s->inside = s->inside & ~scattered;
@@ -383,6 +386,7 @@ LANE_FN i8 lit_through_media(const struct kernel_scene *ks, struct kernel_thread
     struct medium_ray8 way = {
         .o = start,
         .end = ls->point,
+        .lead = s->spawn * f8_abs(wi_side),
         .medium = medium_beyond(s, path->medium, wi_side),
         .beyond = ls->distance == ks->far_distance, /* no other light is just there */
         .time = fx & FX_MOTION ? path->time : F8(0),
@@ -772,6 +776,7 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
             pdf = f8_select(crossed, path.pdf, pdf);
             scattered = scattered + crossed;
             path.passed = path.passed - crossed;
+            path.lead = s.spawn * f8_abs(wi_side);
             path.medium = medium;
         }
         path.from = from;
