@@ -14,7 +14,8 @@
  * the hits, and stay in their range for filters with negative lobes. The albedo of one sample is
  * the weight f cos / pdf of its sampled direction (times eta^2 for transmission), an unbiased
  * estimate of the share of light from everywhere that the material scatters towards the camera.
- * A hit with a value that is not finite counts as none.
+ * A hit with a value that is not finite counts as none. A path that first scatters in a medium
+ * shows that place, with the medium's albedo, without a normal (0) and without identities.
  *
  * Identities are not summed: channel s of AOV_OBJECT and AOV_MATERIAL holds 1 + the index that
  * sample s of its replicate hit, or 0, and only the first AOV_ID_SAMPLES samples are kept. Each

@@ -541,10 +541,9 @@ static double phase(double g, double cosine)
 }
 
 /* Of one scattering, along the ray from the origin along +z, out of light from (x, 0, z) */
-static double single_point(double a, double s, double g, double x, double z)
+static double single_point(double a, double s, double g, double x, double z, int n)
 {
     double sum = 0;
-    const int n = 200000;
     const double end = 40;
     for (int k = 0; k < n; k++) {
         /* Close steps where the light is near */
@@ -575,13 +574,37 @@ static void light_scatters_once_as_quadrature_says(void **state)
         double want[3], wrong[3];
         for (int c = 0; c < 3; c++) {
             double a = (double)cases[i].a[c], s = (double)cases[i].s[c], g = (double)cases[i].g;
-            want[c] = single_point(a, s, g, 0.5, 1.5);
-            wrong[c] = single_point(a, s, g + 0.05, 0.5, 1.5);
+            want[c] = single_point(a, s, g, 0.5, 1.5, 100000);
+            wrong[c] = single_point(a, s, g + 0.05, 0.5, 1.5, 100000);
         }
         expect_colors(&seen, want, __LINE__);
         assert_true(colors_off(&seen, wrong) > 8); /* planted: another g */
         scene_free(scene);
     }
+}
+
+static void the_tree_of_lights_serves_places_without_a_side(void **state)
+{
+    (void)state;
+    struct scene *scene = narrow_scene();
+    scene->settings.max_depth = 1;
+    const float a[3] = { 0.1f, 0, 0.3f }, s[3] = { 0.3f, 0.5f, 0.2f };
+    scene->settings.camera_medium = add_medium(scene, a, s, 0.4f);
+    double want[3] = { 0, 0, 0 };
+    for (int i = 0; i < 100; i++) {
+        float x = 0.5f + 0.01f * (float)i, z = 0.05f * (float)(i * 37 % 100), turn = (float)i;
+        add_point(scene, x * cosf(turn), x * sinf(turn), z);
+        for (int c = 0; c < 3; c++)
+            want[c] += single_point((double)a[c], (double)s[c], 0.4, (double)x, (double)z, 2000);
+    }
+    struct colors seen = colors_seen(scene, (struct picture_how){ .samples = 128 });
+    assert_true(scene->settings.effects & FX_LIGHT_TREE);
+    expect_colors(&seen, want, __LINE__);
+    for (int c = 0; c < 3; c++)
+        want[c] *= 1.02;
+    assert_true(colors_off(&seen, want) >
+                8); /* planted: as if 2 % of the lights were never chosen */
+    scene_free(scene);
 }
 
 /* The same out of a ball of radius R at (x, 0, z) that emits 1, which the ray does not meet */
@@ -844,6 +867,7 @@ int main(void)
         cmocka_unit_test(a_point_light_fades_on_both_ways),
         cmocka_unit_test(only_what_media_make_lets_light_through),
         cmocka_unit_test(light_scatters_once_as_quadrature_says),
+        cmocka_unit_test(the_tree_of_lights_serves_places_without_a_side),
         cmocka_unit_test(hitting_and_sampling_a_light_agree_in_media),
         cmocka_unit_test(glass_holds_its_colour_between_its_faces),
         cmocka_unit_test(instances_hold_media_too),
