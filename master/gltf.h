@@ -12,8 +12,8 @@
  * - Metallic-roughness: by "metallic" a mix of a metal with reflectance baseColor and a dielectric
  *   coat (ior) over a diffuse base of baseColor; the width of both is roughness squared. Unlit
  *   materials are diffuse ones and lit like them.
- * - Glass is a pane; with a thickness (KHR_materials_volume) its mesh is the surface of a body, whose
- *   inside absorbs as attenuation colour and distance say. A colour of 0 is taken as 1e-6.
+ * - Glass is a pane; with a thickness (KHR_materials_volume) its mesh is the surface of a body,
+ * whose inside absorbs as attenuation colour and distance say. A colour of 0 is taken as 1e-6.
  * - Emission is radiance, 1 for a factor of 1. An emissive texture stands for its mean.
  * - Light intensities: candela and lux are taken as radiant intensity and irradiance of the same
  *   number, on the scale of emission (1 is 1 nit), as glTF says. Blender's exporter alone turns
