@@ -12,13 +12,16 @@
  *   position, normal, geometric_normal, albedo
  *             of the hit, in re-centred world space, at the sample's own time
  *   motion    in pixels, x to the right and y downwards: from where the camera sees the point of
- * the surface that was hit when the shutter opens to where it sees it when the shutter closes,
- * through the middle of the lens. 0 where nothing moves, and where the point is behind the camera
- * at either time all but alpha with the coverage's weight, so that divided by the coverage they are
- * averages over the hits, and stay in their range for filters with negative lobes. The albedo of
- * one sample is the weight f cos / pdf of its sampled direction (times eta^2 for transmission), an
- * unbiased estimate of the share of light from everywhere that the material scatters towards the
- * camera. A hit with a value that is not finite counts as none.
+ *             the surface that was hit when the shutter opens to where it sees it when the shutter
+ *             closes, through the middle of the lens. 0 where nothing moves, and where the point is
+ *             behind the camera at either time
+ *
+ * All but alpha have the coverage's weight, so that divided by the coverage they are averages over
+ * the hits, and stay in their range for filters with negative lobes. The albedo of one sample is
+ * the weight f cos / pdf of its sampled direction (times eta^2 for transmission), an unbiased
+ * estimate of the share of light from everywhere that the material scatters towards the camera.
+ * A hit with a value that is not finite counts as none. A path that first scatters in a medium
+ * shows that place, with the medium's albedo, without a normal (0) and without identities.
  *
  * Identities are not summed: channel s of AOV_OBJECT and AOV_MATERIAL holds 1 + the index that
  * sample s of its replicate hit, or 0, and only the first AOV_ID_SAMPLES samples are kept. Each

@@ -88,6 +88,8 @@ uint32_t scene_effects(const struct scene *scene)
         mask |= FX_INSTANCE;
     if (scene->motion_count > 0)
         mask |= FX_MOTION;
+    if (scene->medium_count > 0)
+        mask |= FX_MEDIUM;
     if (settings->camera.lens_radius > 0)
         mask |= FX_LENS;
     if (settings->camera.kind == CAMERA_ORTHOGRAPHIC)

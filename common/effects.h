@@ -42,7 +42,8 @@ struct scene;
     X(INSTANCE, 27, "instance", "shapes that stand in several places, stored once")      \
     X(MOTION, 28, "motion", "things that move while the shutter is open")                \
     X(LIGHT_TREE, 29, "light-tree",                                                      \
-      "so many lights that each receiver chooses among them by a tree")
+      "so many lights that each receiver chooses among them by a tree")                  \
+    X(MEDIUM, 30, "medium", "fog and other media between surfaces")
 
 enum effect {
 #define X(name, bit, printed, meaning) FX_##name = 1u << (bit),

@@ -61,7 +61,7 @@ enum sample_purpose {
     SAMPLE_ROULETTE = 9,        /* 1-D */
     SAMPLE_MIX = 10,            /* 1-D: which material of a mix */
     SAMPLE_ALPHA = 11,          /* 1-D */
-    SAMPLE_DISTANCE = 12,       /* 1-D: free flight in a medium */
+    SAMPLE_DISTANCE = 12,       /* 2-D: colour, and free flight in a medium */
     SAMPLE_PHASE = 13,          /* 2-D: direction from a phase function */
     SAMPLE_EMIT_POINT = 14,     /* 2-D: start of a light subpath */
     SAMPLE_EMIT_DIRECTION = 15, /* 2-D */

@@ -94,6 +94,8 @@ static bool check_settings(const struct scene *scene, struct err *err)
                        settings->shutter[1]);
     if (settings->camera_motion > scene->motion_count)
         return err_set(err, ERR_SCENE, "the camera: no motion %u", settings->camera_motion);
+    if (settings->camera_medium > scene->medium_count)
+        return err_set(err, ERR_SCENE, "the camera: no medium %u", settings->camera_medium);
     if (settings->sampler >= SAMPLER_COUNT)
         return err_set(err, ERR_SCENE, "unknown sampler kind %u", settings->sampler);
     if (!finite_all(settings->sky, 3))
@@ -144,6 +146,9 @@ static bool check_mesh(const struct scene *scene, uint32_t index, struct err *er
         return err_set(err, ERR_SCENE, "mesh %u: vertex colours are missing", index);
     if (mesh->alpha > scene->texture_count)
         return err_set(err, ERR_SCENE, "mesh %u: no texture %u", index, mesh->alpha);
+    if (mesh->inside > scene->medium_count || mesh->outside > scene->medium_count)
+        return err_set(err, ERR_SCENE, "mesh %u: no media %u and %u", index, mesh->inside,
+                       mesh->outside);
     if (mesh->first_emissive != SCENE_NONE &&
         (uint64_t)mesh->first_emissive + mesh->triangle_count > scene->triangle_light_count)
         return err_set(err, ERR_SCENE, "mesh %u: its triangles' lights are missing", index);
@@ -167,6 +172,9 @@ static bool check_quadric(const struct scene *scene, uint32_t index, struct err 
         return err_set(err, ERR_SCENE, "quadric %u: no light %u", index, quadric->light);
     if (quadric->alpha > scene->texture_count)
         return err_set(err, ERR_SCENE, "quadric %u: no texture %u", index, quadric->alpha);
+    if (quadric->inside > scene->medium_count || quadric->outside > scene->medium_count)
+        return err_set(err, ERR_SCENE, "quadric %u: no media %u and %u", index, quadric->inside,
+                       quadric->outside);
     return true;
 }
 
@@ -209,6 +217,16 @@ static bool check_motion(const struct scene *scene, uint32_t index, struct err *
         !finite_all(&motion->stretch[0][0], 18) || !(motion->angle >= 0 && motion->angle < 1.6f))
         return err_set(err, ERR_SCENE, "motion %u has a number that is not valid", index);
     return true;
+}
+
+static bool check_medium(const struct scene *scene, uint32_t index, struct err *err)
+{
+    const struct medium *medium = &scene->media[index];
+    bool good = fabsf(medium->g) <= 1;
+    for (int c = 0; c < 3; c++)
+        good = good && medium->sigma_a[c] >= 0 && medium->sigma_s[c] >= 0 && medium->Le[c] >= 0 &&
+               isfinite(medium->sigma_a[c] + medium->sigma_s[c]) && isfinite(medium->Le[c]);
+    return good || err_set(err, ERR_SCENE, "medium %u has a number that is not valid", index);
 }
 
 /* Behind the shapes of no group come those of the groups, in order and without gaps */
@@ -446,6 +464,9 @@ bool scene_check(const struct scene *scene, struct err *err)
             return false;
     for (uint32_t i = 0; i < scene->motion_count; i++)
         if (!check_motion(scene, i, err))
+            return false;
+    for (uint32_t i = 0; i < scene->medium_count; i++)
+        if (!check_medium(scene, i, err))
             return false;
     for (uint32_t i = 0; i < scene->picture_count; i++)
         if (!check_picture(scene, i, err))

@@ -86,7 +86,25 @@ struct scene_settings {
     uint32_t sky_light;     /* index of its entry in lights, or SCENE_NONE */
     uint32_t camera_motion; /* 1 + index into motions, then in place of camera's vectors; or 0 */
     float shutter[2];       /* when it opens and closes, in units of the motions */
-    uint32_t reserved[5];   /* zero */
+    uint32_t camera_medium; /* 1 + index of the medium it stands in; 0: vacuum */
+    uint32_t reserved[4];   /* zero */
+};
+
+/*
+ * What is between surfaces, the same everywhere and in every direction: along each unit of length
+ * it absorbs the share sigma_a of the light and scatters the share sigma_s, by the phase function
+ * of Henyey and Greenstein with mean cosine g. Where it absorbs it emits Le, which so is the
+ * radiance of a thick medium that does not scatter.
+ *
+ * A surface has a medium on either side, `inside` against its normal and `outside` along it: 1 +
+ * index, or 0 for vacuum. What crosses the surface is in the medium of the side that it leaves to,
+ * whatever it was in before (as in pbrt-v4). Where both are the same, as in scenes without media,
+ * the surface says nothing about media. A surface without a material but with two different media
+ * is there for them alone, and bends and stops nothing.
+ */
+struct medium {
+    float sigma_a[3], sigma_s[3], Le[3];
+    float g;
 };
 
 enum mesh_flag {
@@ -108,9 +126,11 @@ struct mesh {
     uint32_t first_vertex, vertex_count;
     uint32_t normal_shift, uv_shift, color_shift;
     uint32_t alpha;    /* texture of the share of the surface that is there; 1 + index, or 0 */
-    uint32_t material; /* index into materials; SCENE_NONE: an interface that is not there */
-    uint32_t first_emissive; /* triangle t emits as light triangle_light[first_emissive + t]; or
-                                SCENE_NONE */
+    uint32_t material; /* index into materials; SCENE_NONE: only media differ on its two sides, or
+                          it is not there at all */
+    uint32_t inside, outside; /* media: see above */
+    uint32_t first_emissive;  /* triangle t emits as light triangle_light[first_emissive + t]; or
+                                 SCENE_NONE */
     uint32_t flags;
 };
 
@@ -133,8 +153,9 @@ struct quadric {
     float radius, inner_radius, z_min, z_max, phi_max;
     float world_radius; /* radius in world units when QUADRIC_SIMILARITY */
     uint32_t material;  /* as in struct mesh */
-    uint32_t light;     /* or SCENE_NONE */
-    uint32_t alpha;     /* as in struct mesh */
+    uint32_t inside, outside;
+    uint32_t light; /* or SCENE_NONE */
+    uint32_t alpha; /* as in struct mesh */
 };
 
 /*
@@ -437,6 +458,8 @@ struct scene {
     uint32_t instance_count;
     struct motion *motions;
     uint32_t motion_count;
+    struct medium *media;
+    uint32_t medium_count;
 
     /* For people: names stay in the master, and are in no digest */
     struct scene_name *material_names;
@@ -466,7 +489,8 @@ struct scene {
     X(environments, environment_count, struct environment, 1) \
     X(groups, group_count, struct group, 1)                   \
     X(instances, instance_count, struct instance, 1)          \
-    X(motions, motion_count, struct motion, 1)
+    X(motions, motion_count, struct motion, 1)                \
+    X(media, medium_count, struct medium, 1)
 
 /* An empty scene with default settings; NULL when memory runs out. scene_free(NULL) is fine. */
 struct scene *scene_new(void);

@@ -13,6 +13,8 @@
  *   coat (ior) over a diffuse base of baseColor; the width of both is roughness squared.
  * - Unlit materials show their base colour to the camera, and to it in mirrors and through glass,
  *   whatever light falls on them; they light nothing, and other surfaces see them black.
+ * - Glass is a pane; with a thickness (KHR_materials_volume) its mesh is the surface of a body,
+ *   whose inside absorbs as attenuation colour and distance say. A colour of 0 is taken as 1e-6.
  * - Emission is radiance, 1 for a factor of 1, times what an emissive texture shows.
  * - Light intensities: candela and lux are taken as radiant intensity and irradiance of the same
  *   number, on the scale of emission (1 is 1 nit), as glTF says. Blender's exporter alone turns

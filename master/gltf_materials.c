@@ -1,5 +1,6 @@
 #include "master/gltf_materials.h"
 
+#include "common/elem.h"
 #include "master/gltf_reader.h"
 
 #include <math.h>
@@ -8,6 +9,7 @@
 #define BRIGHT     1e12 /* the most that anything emits */
 #define CLEAR_IOR  1.5
 #define PANE_ALPHA 0.01 /* below it, a rough pane looks smooth */
+#define DARKEST    1e-6 /* of what comes through the attenuation distance */
 
 enum { RED = 0, GREEN = 1, BLUE = 2, ALPHA = 3 };
 
@@ -29,6 +31,7 @@ struct look {
     double clear_alpha;
     double ior, reflected; /* of the dielectric: F0 = reflected times that of its index */
     bool thick, unlit, colored;
+    double absorbed[3]; /* inside of thick glass, per unit of length of the world */
     uint32_t normal;
     double normal_scale;
 };
@@ -234,13 +237,28 @@ static bool read_dielectric(struct gltf_reader *reader, struct look *look)
     return !reader->failed;
 }
 
+/* What is inside of glass, if it has an inside */
+static void read_volume(struct gltf_reader *reader, struct look *look)
+{
+    struct gltf_item item = gltf_json_extension(reader, &look->item, "KHR_materials_volume");
+    double rgb[3] = { 1, 1, 1 };
+    look->thick = gltf_json_number(reader, &item, "thicknessFactor", 0, 0, 1e30) > 0;
+    if (!gltf_json_has(&item, "attenuationDistance"))
+        return;
+    double distance = gltf_json_number(reader, &item, "attenuationDistance", 1, 0, 1e30);
+    gltf_json_numbers(reader, &item, "attenuationColor", 0, 1, rgb, 3);
+    if (!look->thick || !(distance > 1e-20))
+        gltf_report_note(reader, item.where,
+                         "what is inside of glass is clear without a thickness and a distance");
+    else
+        for (int c = 0; c < 3; c++)
+            look->absorbed[c] = -elem_log(fmax(rgb[c], DARKEST)) / distance;
+}
+
 static bool read_transmission(struct gltf_reader *reader, struct look *look)
 {
     struct gltf_item item = gltf_json_extension(reader, &look->item, "KHR_materials_transmission");
-    struct gltf_item volume = gltf_json_extension(reader, &look->item, "KHR_materials_volume");
-    look->thick = gltf_json_number(reader, &volume, "thicknessFactor", 0, 0, 1e30) > 0;
-    if (gltf_json_has(&volume, "attenuationDistance"))
-        gltf_report_note(reader, volume.where, "what is inside of glass is clear");
+    read_volume(reader, look);
     return !reader->failed && read_knob(reader, look, &item, "transmissionFactor", 0,
                                         "transmissionTexture", RED, &look->transmission);
 }
@@ -552,11 +570,29 @@ static bool make_emitter(struct gltf_reader *reader, struct look *look, uint32_t
 
 /* --- Surfaces ----------------------------------------------------------------------------- */
 
+/* The medium inside of thick glass; 0 where it is clear, or where nothing gets in */
+static bool make_inside(struct gltf_reader *reader, const struct look *look, uint32_t *inside)
+{
+    *inside = 0;
+    bool clear = look->absorbed[0] == 0 && look->absorbed[1] == 0 && look->absorbed[2] == 0;
+    if (clear || look->unlit || none_of(&look->transmission) || all_of(&look->metallic))
+        return true;
+    struct medium *added = growing_add(&reader->build->media, 1, sizeof(*added));
+    if (added == NULL)
+        return gltf_report_no_memory(reader);
+    *added = (struct medium){ .g = 0 };
+    for (int c = 0; c < 3; c++)
+        added->sigma_a[c] = (float)look->absorbed[c];
+    *inside = (uint32_t)reader->build->media.count;
+    return true;
+}
+
 static bool make_surface(struct gltf_reader *reader, struct look *look,
                          struct gltf_surface *surface)
 {
     if (!read_look(reader, look) || !add_material(reader, look, &surface->material) ||
         !make_alpha(reader, look, &surface->alpha) ||
+        !make_inside(reader, look, &surface->inside) ||
         !make_emitter(reader, look, &surface->emitter))
         return false;
     surface->set = look->set;

@@ -17,6 +17,7 @@ struct gltf_surface {
     uint32_t material; /* index among the scene's */
     uint32_t emitter;  /* index among the build's, or SCENE_NONE */
     uint32_t alpha;    /* texture, 1 + index, or 0 */
+    uint32_t inside;   /* medium, 1 + index, or 0 */
     uint32_t set;      /* of texture coordinates, or SCENE_NONE when none are needed */
     bool done;
 };

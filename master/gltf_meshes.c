@@ -280,6 +280,7 @@ static bool add_primitive(struct gltf_reader *reader, struct gltf_mesh *mesh,
                                  .material = primitive->surface.material,
                                  .emitter = primitive->surface.emitter,
                                  .alpha = primitive->surface.alpha,
+                                 .inside = primitive->surface.inside,
                                  .pos = { reader->report.path, 0, 0 } };
     if (!read_positions(reader, primitive) || !read_normals(reader, primitive) ||
         !read_uvs(reader, primitive) || !read_colors(reader, primitive) ||

@@ -30,6 +30,7 @@ static void reader_close(struct pbrt_reader *reader)
 {
     pbrt_materials_free(&reader->materials);
     pbrt_textures_free(&reader->textures);
+    pbrt_media_free(&reader->media);
     pbrt_objects_free(&reader->objects);
     pbrt_transforms_free(&reader->spaces);
     pbrt_state_free(&reader->stack);
@@ -56,12 +57,15 @@ static void note_counts(struct pbrt_reader *reader, const struct build_counts *c
 static struct scene *finish(struct pbrt_reader *reader, const char *name)
 {
     struct build_counts counts;
-    if (!pbrt_view_finish(reader) || !pbrt_materials_finish(reader))
+    if (!pbrt_view_finish(reader) || !pbrt_materials_finish(reader) || !pbrt_media_finish(reader))
         return NULL;
     pbrt_textures_finish(reader);
+    pbrt_sensor_finish(reader);
     struct scene *scene = scene_build_finish(reader->build, &counts, reader->err);
-    if (scene != NULL)
-        note_counts(reader, &counts, scene, name);
+    if (scene == NULL)
+        return NULL;
+    note_counts(reader, &counts, scene, name);
+    pbrt_media_note(reader, scene);
     return scene;
 }
 

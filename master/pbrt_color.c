@@ -59,7 +59,7 @@ static void from_pairs(struct pbrt_params *params, const struct pbrt_param *para
         }
     if (kind == COLOR_REFLECTANCE)
         spectrum_reflectance(pairs, count, rgb);
-    else if (kind == COLOR_INDEX)
+    else if (kind == COLOR_INDEX || kind == COLOR_DENSITY)
         spectrum_index(pairs, count, rgb);
     else if (!spectrum_light(pairs, count, rgb))
         pbrt_params_fail(params, param, "this spectrum has no light in the visible range");

@@ -10,7 +10,7 @@
 #include <stdbool.h>
 
 /* What the colour is of: decides how a spectrum is weighed, and what values are possible. */
-enum pbrt_color_kind { COLOR_REFLECTANCE, COLOR_LIGHT, COLOR_INDEX };
+enum pbrt_color_kind { COLOR_REFLECTANCE, COLOR_LIGHT, COLOR_INDEX, COLOR_DENSITY };
 
 /* False, and rgb untouched, when the parameter is absent or failed (params->failed). */
 bool pbrt_color(struct pbrt_params *params, const char *name, enum pbrt_color_kind kind,

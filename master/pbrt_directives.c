@@ -2,7 +2,6 @@
 
 #include "master/pbrt_args.h"
 #include "master/pbrt_lights.h"
-#include "master/pbrt_media.h"
 #include "master/pbrt_reader.h"
 #include "master/pbrt_settings.h"
 #include "master/pbrt_shapes.h"

@@ -10,6 +10,7 @@
 #include "common/scene.h"
 #include "master/pbrt_lexer.h"
 #include "master/pbrt_materials.h"
+#include "master/pbrt_media.h"
 #include "master/pbrt_names.h"
 #include "master/pbrt_objects.h"
 #include "master/pbrt_params.h"
@@ -35,6 +36,7 @@ struct pbrt_reader {
     struct pbrt_objects objects;
     struct pbrt_materials materials;
     struct pbrt_textures textures;
+    struct pbrt_media media;
 
     struct scene_pictures pictures; /* that were read already */
 

@@ -121,5 +121,8 @@ void pbrt_sensor_finish(struct pbrt_reader *reader)
     struct environment *environments = build->environments.data;
     for (size_t i = 0; i < build->environments.count; i++)
         scale(environments[i].scale, gains);
+    struct medium *media = build->media.data;
+    for (size_t i = 0; i < build->media.count; i++)
+        scale(media[i].Le, gains);
     scale(build->scene->settings.sky, gains);
 }

@@ -45,6 +45,11 @@ static bool place_here(struct pbrt_reader *reader, const struct source_pos *pos,
                                    .pos = *pos };
     if (!pbrt_materials_resolve(reader, &place->material))
         return false;
+    const struct pbrt_state *state = &reader->state;
+    if (state->inside != state->outside &&
+        (!pbrt_media_resolve(reader, state->inside, &place->inside) ||
+         !pbrt_media_resolve(reader, state->outside, &place->outside)))
+        return false;
     if (place->material == SCENE_NONE && place->emitter != SCENE_NONE) {
         pbrt_report_note(reader, pos, "a shape that is an interface gives no light, as in pbrt");
         place->emitter = SCENE_NONE;
@@ -67,6 +72,7 @@ static bool read_alpha(struct pbrt_reader *reader, struct build_place *place, bo
     if (*none) {
         *none = place->emitter == SCENE_NONE;
         place->material = SCENE_NONE;
+        place->inside = place->outside;
         return true;
     }
     return place->alpha != 0 ? pbrt_textures_resolve(reader, &place->alpha)

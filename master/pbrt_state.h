@@ -39,6 +39,7 @@ struct pbrt_state {
     bool fixed_start, fixed_end;  /* ActiveTransform: of these two, the other is meant alone */
     uint32_t material;            /* index of a definition */
     uint32_t emitter;             /* index of an area light, or SCENE_NONE */
+    uint32_t inside, outside;     /* 1 + index of a named medium, or 0 for vacuum */
     struct {
         size_t items, numbers, strings; /* how much of stack.defaults there was; on the stack */
     } defaults[TARGETS];

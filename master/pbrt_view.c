@@ -54,6 +54,7 @@ bool pbrt_view_camera(struct pbrt_reader *reader, const struct pbrt_token *type)
     if (!transform_invert(&reader->state.ctm_end, &view->world_from_camera_end))
         return pbrt_report_error(reader, &type->pos, "the camera's transform cannot be inverted");
     view->moves = pbrt_state_moves(&reader->state);
+    view->medium = reader->state.outside;
     view->pos = type->pos;
     reader->spaces.camera = view->world_from_camera;
     reader->spaces.camera_end = view->world_from_camera_end;
@@ -256,6 +257,5 @@ bool pbrt_view_finish(struct pbrt_reader *reader)
         settings->shutter[i] = (float)((view->shutter[i] - times[0]) / (times[1] - times[0]));
     if (view->no_jitter)
         settings->filter = (struct filter_spec){ .kind = FILTER_BOX, .radius = { CENTRE, CENTRE } };
-    pbrt_sensor_finish(reader);
-    return true;
+    return pbrt_media_resolve(reader, view->medium, &settings->camera_medium);
 }

@@ -19,7 +19,8 @@ struct pbrt_reader;
 struct pbrt_view {
     enum camera_kind kind;
     struct transform world_from_camera, world_from_camera_end;
-    bool moves; /* from the one to the other */
+    bool moves;      /* from the one to the other */
+    uint32_t medium; /* around the camera, as in struct pbrt_state */
     double shutter[2];
     struct pbrt_sensor sensor;
     bool no_jitter; /* samples stand in the middle of their pixels */

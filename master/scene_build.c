@@ -52,6 +52,7 @@ void scene_build_free(struct scene_build *build)
     growing_free(&build->pictures);
     growing_free(&build->texels);
     growing_free(&build->environments);
+    growing_free(&build->media);
     growing_free(&build->instances);
     growing_free(&build->ends);
     growing_free(&build->group_names);
@@ -364,6 +365,8 @@ static bool place_meshes(struct scene_build *build, struct build_counts *counts,
                              .vertex_count = range->vertex_count,
                              .alpha = from[i].place.alpha,
                              .material = from[i].place.material,
+                             .inside = from[i].place.inside,
+                             .outside = from[i].place.outside,
                              .first_emissive = SCENE_NONE };
         if (mirrored != from[i].place.reverse_orientation)
             mesh.flags |= MESH_FLIP_NORMAL;
@@ -426,6 +429,8 @@ static bool place_quadrics(struct scene_build *build, struct err *err)
         if (place->reverse_orientation)
             quadric->flags |= QUADRIC_FLIP_NORMAL;
         quadric->material = place->material;
+        quadric->inside = place->inside;
+        quadric->outside = place->outside;
         quadric->light = SCENE_NONE;
         quadric->alpha = place->alpha;
     }
@@ -584,7 +589,8 @@ static bool place_all(struct scene_build *build, struct build_counts *counts, st
            GIVE(&build->textures, 1, textures, texture_count) &&
            GIVE(&build->pictures, 1, pictures, picture_count) &&
            GIVE(&build->texels, TEXEL_BLOCK, texels, texel_block_count) &&
-           GIVE(&build->environments, 1, environments, environment_count);
+           GIVE(&build->environments, 1, environments, environment_count) &&
+           GIVE(&build->media, 1, media, medium_count);
 }
 
 struct scene *scene_build_finish(struct scene_build *build, struct build_counts *counts,

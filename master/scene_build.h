@@ -29,10 +29,11 @@ struct scene_bounds;
 struct build_place {
     struct transform to_world;
     bool reverse_orientation;
-    uint32_t material; /* index into `materials` below, or SCENE_NONE */
-    uint32_t emitter;  /* index into `emitters`, or SCENE_NONE */
-    uint32_t alpha;    /* 1 + index into `textures`, or 0 */
-    bool joins;        /* may be one mesh with the one before, if that stands alike and may, too */
+    uint32_t material;        /* index into `materials` below, or SCENE_NONE */
+    uint32_t emitter;         /* index into `emitters`, or SCENE_NONE */
+    uint32_t alpha;           /* 1 + index into `textures`, or 0 */
+    uint32_t inside, outside; /* 1 + index into `media`, or 0 */
+    bool joins; /* may be one mesh with the one before, if that stands alike and may, too */
     struct source_pos pos;
 };
 
@@ -94,6 +95,7 @@ struct scene_build {
     struct growing texture_spaces; /* struct build_texture_space */
     struct growing pictures;       /* struct scene_picture, added by scene_pictures.h */
     struct growing texels;         /* TEXEL_BLOCK bytes each */
+    struct growing media;          /* struct medium */
     struct growing environments;   /* struct environment, but for the light that each belongs to */
     struct growing instances;      /* struct build_instance */
     struct growing ends;           /* struct transform: what moves comes here */

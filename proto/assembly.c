@@ -46,8 +46,9 @@ struct assembly {
     bool anything_came;
 };
 
-/* What Embree and vector loads may read after an array that has no elements */
-static const uint8_t nothing[END_PADDING] __attribute__((aligned(64)));
+/* What Embree and vector loads may read after an array that has no elements; a kernel's idle lanes
+ * read the first element of any array */
+static const uint8_t nothing[1024] __attribute__((aligned(64)));
 
 static struct part *find_part(const struct assembly *assembly, const struct digest *digest)
 {

@@ -15,7 +15,7 @@ import subprocess
 import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
-from math import acos, atan, atan2, cos, log, pi, radians, sin, sqrt, tan
+from math import acos, atan, atan2, cos, exp, log, pi, radians, sin, sqrt, tan
 
 BIN = os.environ["PATHFARM_BIN"]
 REPLICATES = 32
@@ -543,6 +543,41 @@ def slabs():
     bug("through a pane of index 1.6", pane(3, 1.6), (1 - r) / (1 + r), spp=256)
 
 
+def media():
+    def medium(name, absorbed, scattered, more=""):
+        return f'MakeNamedMedium "{name}" "string type" "homogeneous" ' \
+               f'{grey("rgb", "sigma_a", absorbed)} {grey("rgb", "sigma_s", scattered)} {more}'
+
+    def through(*world, fov=.01):
+        return scene(f'{look((0, 0, 4), (0, 0, 0), (0, 1, 0))}\nCamera "perspective" '
+                     f'"float fov" {fov}', *world)
+
+    inside = 'MediumInterface "fog" ""'
+    nothing = f'{inside}\nMaterial "interface"\nShape "sphere"'
+    row("sky through a ball that absorbs", through(medium("fog", .5, 0), sky(), nothing), exp(-1),
+        flat=True)
+    row("ball that glows", through(medium("fog", .5, 0, grey("rgb", "Le", 3)), nothing),
+        3 * (1 - exp(-1)), flat=True)
+    for g in 0, .8, -.8:
+        fog = medium("fog", 0, 2, f'"float g" {g}')
+        row(f"fog of g {g} under a uniform sky is invisible", through(fog, sky(), nothing, fov=40),
+            1, spp=256)
+    row("fog in glass under a uniform sky is invisible",
+        through(medium("fog", 0, 1), sky(), inside, 'Material "dielectric"', 'Shape "sphere"',
+                fov=40), 1, spp=256)
+    bug("fog under a uniform sky that absorbs 1 %",
+        through(medium("fog", .02, 2), sky(), nothing, fov=.01), 1, spp=512)
+
+    # A light over a floor, and everything in the medium; the camera looks down from 2 beside it
+    def lit(absorbed):
+        return "\n".join(('MediumInterface "" "fog"', window((0, 2, 0), (0, 0, 0), 1e-4), "")) \
+            + scene("", 'MediumInterface ""', medium("fog", absorbed, 0), floor(half=.01),
+                    f'LightSource "point" {grey("rgb", "I", 1)} "point3 from" [ 0 1 0 ]')
+
+    row("point light in a medium without end", lit(.3), .5 / pi * exp(-.9))
+    bug("point light in a medium of .31", lit(.31), .5 / pi * exp(-.9))
+
+
 def filters():
     for name in '"box"', '"triangle"', '"gaussian"', '"mitchell"', \
                 '"mitchell" "float B" 0 "float C" .75':
@@ -618,7 +653,7 @@ def judge(this, folder, number):
 
 def main():
     for family in (furnaces, triangles, spheres, rectangles, disks, delta_lights, skies, slabs,
-                   filters):
+                   media, filters):
         family()
     chosen = [this for this in ROWS if all(word in this.name for word in sys.argv[1:])]
     failures = 0

@@ -74,7 +74,8 @@ static void a_reset_arena_gives_zeroed_memory_again(void **state)
 
 /* --- Scene -------------------------------------------------------------------------------- */
 
-/* A triangle that emits, an emitting sphere, a coat, a mix and the sky: one of everything */
+/* A triangle that emits, an emitting sphere, a coat, a mix, a medium and the sky: one of everything
+ */
 static struct scene *one_of_everything(void)
 {
     struct scene *s = scene_new();
@@ -118,6 +119,11 @@ static struct scene *one_of_everything(void)
     s->light_corners = arena_alloc(arena, 3, 3 * sizeof(float));
     s->triangle_light_count = 1;
     s->triangle_light = arena_alloc(arena, 1, sizeof(uint32_t));
+    s->medium_count = 1;
+    s->media = arena_alloc(arena, 1, sizeof(struct medium));
+    s->media[0] = (struct medium){ .sigma_a = { 1, 2, 3 }, .sigma_s = { 3, 2, 1 }, .g = -1 };
+    s->quadrics[0].inside = 1;
+    s->settings.camera_medium = 1;
     s->settings.effects = scene_effects(s);
     return s;
 }
@@ -193,6 +199,14 @@ static void a_whole_scene_passes(void **state)
     X(s->settings.camera.forward[0] = NAN, "camera")                     \
     X(s->settings.camera.lens_radius = -1, "lens radius")                \
     X(s->settings.center[0] = NAN, "centre")                             \
+    X(s->settings.camera_medium = 2, "camera: no medium 2")              \
+    X(s->meshes[0].inside = 2, "mesh 0: no media 2 and 0")               \
+    X(s->quadrics[0].outside = 2, "quadric 0: no media 1 and 2")         \
+    X(s->media[0].sigma_a[2] = -1, "medium 0 has a number")              \
+    X(s->media[0].sigma_s[0] = INFINITY, "medium 0 has a number")        \
+    X(s->media[0].Le[1] = NAN, "medium 0 has a number")                  \
+    X(s->media[0].g = 1.001f, "medium 0 has a number")                   \
+    X(s->media = NULL, "is missing")                                     \
     X(s->lights = NULL, "is missing")
 
 static void every_kind_of_damage_is_found(void **state)
@@ -289,7 +303,7 @@ static void each_effect_is_set_by_what_needs_it(void **state)
     struct scene *s = one_of_everything();
     assert_int_equal(scene_effects(s), FX_MESH | FX_QUADRIC | FX_SMOOTH_NORMALS | FX_COAT |
                                            FX_ROUGH | FX_MIX | FX_POLYGON_LIGHT | FX_SPHERE_LIGHT |
-                                           FX_SKY | FX_MANY_LIGHTS | FX_ANISOTROPIC);
+                                           FX_SKY | FX_MANY_LIGHTS | FX_ANISOTROPIC | FX_MEDIUM);
     uint32_t before = scene_effects(s);
     s->settings.camera.lens_radius = 0.1f;
     assert_int_equal(scene_effects(s), before | FX_LENS);

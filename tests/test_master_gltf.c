@@ -446,6 +446,25 @@ static void glass_is_thin_without_a_volume_and_tinted(void **state)
     assert_int_equal(scene->materials[mix->mix[0]].kind, MATERIAL_COAT);
     assert_int_equal(scene->materials[mix->mix[1]].kind, MATERIAL_DIELECTRIC);
     EXPECT_NEAR(scene->materials[mix->mix[1]].alpha[0], 0.25, 0);
+    assert_int_equal(scene->medium_count, 0);
+    scene_free(scene);
+}
+
+static void thick_glass_absorbs_on_the_way_through(void **state)
+{
+    (void)state;
+    start_textured();
+    struct scene *scene = scene_of(
+        WITH_MATERIAL("\"extensions\":{\"KHR_materials_transmission\":{\"transmissionFactor\":1},"
+                      "\"KHR_materials_volume\":{\"thicknessFactor\":0.1,"
+                      "\"attenuationDistance\":2,\"attenuationColor\":[1,0.5,0]}},"
+                      "\"pbrMetallicRoughness\":{\"metallicFactor\":0}"));
+    assert_int_equal(scene->medium_count, 1);
+    assert_int_equal(scene->meshes[0].inside, 1);
+    assert_int_equal(scene->meshes[0].outside, 0);
+    EXPECT_NEAR(scene->media[0].sigma_a[0], 0, 0);
+    EXPECT_NEAR(scene->media[0].sigma_a[1], log(2) / 2, 1e-6);
+    EXPECT_NEAR(scene->media[0].sigma_a[2], log(1e6) / 2, 1e-5);
     scene_free(scene);
 }
 
@@ -1125,6 +1144,7 @@ int main(void)
         cmocka_unit_test(metalness_chooses_between_coat_metal_and_a_mix),
         cmocka_unit_test(a_metal_reflects_its_base_colour),
         cmocka_unit_test(glass_is_thin_without_a_volume_and_tinted),
+        cmocka_unit_test(thick_glass_absorbs_on_the_way_through),
         cmocka_unit_test(clear_coats_lie_over_their_share),
         cmocka_unit_test(the_index_and_specular_decide_what_a_dielectric_reflects),
         cmocka_unit_test(textures_are_placed_as_gltf_places_them),

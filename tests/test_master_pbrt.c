@@ -746,9 +746,6 @@ static const struct bad_row {
     { W "Texture \"t\" \"spectrum\" \"ptex\"", "text:2:24: texture \"ptex\" is not supported yet",
       ERR_UNSUPPORTED },
     { W "ObjectEnd", "without an ObjectBegin", ERR_SCENE },
-    { W "MediumInterface \"a\" \"b\"", "not supported yet", ERR_UNSUPPORTED },
-    { W "MakeNamedMedium \"a\" \"string type\" \"homogeneous\"", "not supported yet",
-      ERR_UNSUPPORTED },
     { W "AttributeEnd", "AttributeEnd without", ERR_SCENE },
     { W "AttributeBegin\nAttributeBegin", "text:3:1: this block is not closed", ERR_SCENE },
     { W "TransformBegin", "pbrt-v4 has AttributeBegin", ERR_SCENE },
@@ -811,7 +808,8 @@ static void leniency_replaces_and_counts(void **state)
         "Texture \"t\" \"spectrum\" \"ptex\" \"string filename\" \"a.ptx\" "
         "Material \"diffuse\" \"texture reflectance\" \"t\" Shape \"sphere\" "
         "Material \"hair\" \"float eumelanin\" 3 Shape \"sphere\" "
-        "MediumInterface \"a\" \"b\" MediumInterface \"a\" \"b\" Shape \"disk\" \"float raduis\" 2 ";
+        "MakeNamedMedium \"a\" \"string type\" \"cloud\" MakeNamedMedium \"b\" \"string type\" "
+        "\"cloud\" MediumInterface \"a\" \"\" Shape \"disk\" \"float raduis\" 2 ";
     struct pbrt_options options = { .lenient = true };
     struct scene_notes notes;
     struct err err = { .text = "" };

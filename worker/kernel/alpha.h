@@ -12,9 +12,21 @@
 #ifndef WORKER_KERNEL_ALPHA_H
 #define WORKER_KERNEL_ALPHA_H
 
+#include "common/hash.h"
 #include "worker/kernel/embree.h"
 #include "worker/kernel/kernel_scene.h"
 #include "worker/kernel/texture.h"
+
+/* What tells a ray from others */
+LANE_FN u8 alpha_ray_id(struct vec3x8 o, struct vec3x8 d)
+{
+    u8 hash = u8_hash((u8)o.x);
+    hash = u8_hash(hash ^ (u8)o.y);
+    hash = u8_hash(hash ^ (u8)o.z);
+    hash = u8_hash(hash ^ (u8)d.x);
+    hash = u8_hash(hash ^ (u8)d.y);
+    return u8_hash(hash ^ (u8)d.z);
+}
 
 /* What the geometry's user data points to */
 struct alpha_mesh {

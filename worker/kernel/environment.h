@@ -39,8 +39,8 @@ struct environment_guide {
 
 struct environment_table {
     int32_t width, height, layout;
-    uint32_t light;                  /* the scene's light that it belongs to */
-    int has_portal;                  /* only light.h asks it: nothing here knows of it */
+    uint32_t light; /* the scene's light that it belongs to */
+    int has_portal; /* only light.h asks it: nothing here knows of it */
     struct portal portal;
     float to_light[9];
     struct environment_texel *texels;

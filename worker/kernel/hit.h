@@ -19,8 +19,11 @@ struct surface8 {
     struct vec3x8 ng; /* geometric normal, unit, on the side the file gives */
     struct vec3x8 ns; /* shading normal, unit; ng where there is no other */
     f8 spawn;         /* how far rays start from p along the normal */
-    i8 material;      /* valid for every lane */
+    i8 material;      /* valid for every lane; -1: only media make this a surface (FX_MEDIUM) */
     i8 light;         /* light it emits as, or -1 */
+    /* With FX_MEDIUM only: media against and along ng, 1 + index or 0; the same where the surface
+     * says nothing */
+    i8 inside, outside;
     /* With HIT_MAPPED only: */
     f8 u, v;
     struct vec3x8 dpdu, dpdv; /* never parallel or 0: where uv says nothing, any two tangents */
@@ -165,6 +168,10 @@ LANE_FN void hit_triangle(const struct scene *scene, unsigned fx, const struct h
     }
 
     s->material = GATHER_I(scene->meshes, struct mesh, material, mesh);
+    if (fx & FX_MEDIUM) {
+        s->inside = GATHER_I(scene->meshes, struct mesh, inside, mesh);
+        s->outside = GATHER_I(scene->meshes, struct mesh, outside, mesh);
+    }
     i8 emissive = GATHER_I(scene->meshes, struct mesh, first_emissive, mesh);
     s->light = I8(-1);
     i8 emits = emissive != -1;
@@ -243,6 +250,10 @@ LANE_FN void hit_quadric(const struct scene *scene, unsigned fx, i8 lanes, i8 pr
         s->spawn = f8_select(same, extent * SPAWN_ULPS, s->spawn);
         s->material = i8_select(same, I8((int32_t)q->material), s->material);
         s->light = i8_select(same, I8((int32_t)q->light), s->light);
+        if (fx & FX_MEDIUM) {
+            s->inside = i8_select(same, I8((int32_t)q->inside), s->inside);
+            s->outside = i8_select(same, I8((int32_t)q->outside), s->outside);
+        }
         if (fx & HIT_MAPPED)
             hit_quadric_uv(q, same, local, s);
     }
@@ -259,6 +270,8 @@ LANE_FN struct surface8 hit_surface(const struct kernel_scene *ks, unsigned fx, 
                           .spawn = F8(0),
                           .material = I8(0),
                           .light = I8(-1) };
+    if (fx & FX_MEDIUM)
+        s.inside = s.outside = I8(0);
     if (fx & HIT_MAPPED) {
         s.u = s.v = F8(0);
         s.dpdu = vec3x8_all(1, 0, 0);

@@ -223,7 +223,7 @@ static bool meshes_attach(struct kernel_scene *ks, RTCScene rtc, const struct gr
     const struct scene *scene = ks->scene;
     for (uint32_t i = 0; i < group->mesh_count; i++) {
         const struct mesh *mesh = &scene->meshes[group->first_mesh + i];
-        if (mesh->material == SCENE_NONE)
+        if (mesh->material == SCENE_NONE && mesh->inside == mesh->outside)
             continue;
         RTCGeometry geometry = rtcNewGeometry(ks->device, RTC_GEOMETRY_TYPE_TRIANGLE);
         if (geometry == NULL)

@@ -5,7 +5,6 @@
  */
 #include "worker/kernel/path.h"
 
-#include "common/hash.h"
 #include "common/sampler.h"
 #include "worker/kernel/alpha.h"
 #include "worker/kernel/camera.h"
@@ -15,8 +14,8 @@
 #include "worker/kernel/hit.h"
 #include "worker/kernel/instance.h"
 #include "worker/kernel/light.h"
+#include "worker/kernel/medium.h"
 #include "worker/kernel/path_variants.def"
-#include "worker/kernel/ray_log.h"
 
 #include <assert.h>
 
@@ -49,6 +48,9 @@ struct path8 {
     f8 time;      /* 0 to 1, where scene.h's motions are */
     struct sample_key8 key;
     i8 events; /* scattering events so far */
+    i8 medium; /* that the next ray starts in, 1 + index or 0; with FX_MEDIUM */
+    f8 lead;   /* the part of the ray before o, which was moved off its surface; with FX_MEDIUM */
+    i8 passed; /* surfaces between media on the way, which take a vertex's numbers, too */
     i8 state;  /* of the path automaton */
     i8 slot;   /* sample of the leaf */
 };
@@ -141,6 +143,12 @@ LANE_FN unsigned camera_batch_take(struct camera_batch *batch, const struct kern
         path->time = f8_select(fresh, f8_permute(batch->time, from), path->time);
     path->events = path->events & ~fresh;
     path->slot = i8_select(fresh, batch->first_slot + from, path->slot);
+    if (fx & FX_MEDIUM) {
+        uint32_t medium = ks->scene->settings.camera_medium;
+        path->medium = i8_select(fresh, I8((int32_t)medium), path->medium);
+        path->passed = path->passed & ~fresh;
+        path->lead = f8_select(fresh, F8(0), path->lead);
+    }
     if (fx & FX_PATHS)
         path->state = i8_select(fresh, I8((int32_t)ks->dfa.start), path->state);
     return taken;
@@ -166,17 +174,6 @@ LANE_FN void store_finished(const struct path8 *path, unsigned finished,
         thread->radiance[thread->slot_count + (uint32_t)slot[lane]] = g[lane];
         thread->radiance[2 * thread->slot_count + (uint32_t)slot[lane]] = b[lane];
     }
-}
-
-/* What tells a ray from others, for decisions that it must take the same way everywhere */
-LANE_FN u8 ray_hash(struct vec3x8 o, struct vec3x8 d)
-{
-    u8 hash = u8_hash((u8)o.x);
-    hash = u8_hash(hash ^ (u8)o.y);
-    hash = u8_hash(hash ^ (u8)o.z);
-    hash = u8_hash(hash ^ (u8)d.x);
-    hash = u8_hash(hash ^ (u8)d.y);
-    return u8_hash(hash ^ (u8)d.z);
 }
 
 /* The surface as textures see it, in the lanes of `lanes` */
@@ -289,6 +286,24 @@ store_first_hits(const struct first_hit8 *at, unsigned lanes, struct kernel_thre
     }
 }
 
+/* Where a path first scatters in a medium there is neither an object nor a normal, and the albedo
+ * is what is left of the light */
+static __attribute__((noinline, cold)) void first_scatter(const struct scene *scene, i8 volume,
+                                                          i8 medium, struct first_hit8 *at)
+{
+    const struct vec3x8 none = vec3x8_all(0, 0, 0);
+    struct medium8 m = medium_of(scene, medium);
+    struct vec3x8 sigma_t = vec3x8_add(m.sigma_a, m.sigma_s);
+    struct vec3x8 albedo = { f8_select(sigma_t.x > 0, m.sigma_s.x / sigma_t.x, F8(0)),
+                             f8_select(sigma_t.y > 0, m.sigma_s.y / sigma_t.y, F8(0)),
+                             f8_select(sigma_t.z > 0, m.sigma_s.z / sigma_t.z, F8(0)) };
+    at->object = at->object | volume;
+    at->material = at->material | volume;
+    at->ns = vec3x8_select(volume, none, at->ns);
+    at->ng = vec3x8_select(volume, none, at->ng);
+    at->albedo = vec3x8_select(volume, albedo, at->albedo);
+}
+
 /* Which vertices see the light at the end of the segment from o along `to`, up to `to` itself */
 LANE_FN i8 unoccluded(const struct kernel_scene *ks, struct kernel_thread *thread, unsigned fx,
                       i8 valid, struct vec3x8 o, struct vec3x8 to, f8 time)
@@ -308,7 +323,7 @@ LANE_FN i8 unoccluded(const struct kernel_scene *ks, struct kernel_thread *threa
     i8_store(ray.mask, I8(-1));
     i8_store(ray.flags, I8(0));
     if ((fx & FX_TEXTURE) && ks->has_alpha)
-        i8_store(ray.id, (i8)ray_hash(o, to));
+        i8_store(ray.id, (i8)alpha_ray_id(o, to));
     if (thread->log != NULL)
         ray_log_add(thread->log, &ray, i8_bits(valid), true);
     rtc_occluded8(lanes, ks->rtc, &ray);
@@ -328,7 +343,7 @@ LANE_FN struct vec3x8 lit_side(const struct bsdf8 *bsdf, struct vec3x8 ns, f8 wo
 /* The next dimension of the vertex that a path is at: event 0 is the camera */
 LANE_FN u8 vertex_dimension(const struct path8 *path, unsigned purpose)
 {
-    return sample_dimension(SAMPLE_FROM_CAMERA, (u8)path->events + 1, purpose);
+    return sample_dimension(SAMPLE_FROM_CAMERA, (u8)(path->events + path->passed) + 1, purpose);
 }
 
 /* Radiance of the paths after those of `sky` found the environments, each weighted against light
@@ -359,6 +374,70 @@ LANE_FN struct vec3x8 sky_seen(const struct kernel_scene *ks, unsigned fx, i8 sk
         L = vec3x8_add_where(sky, L, found);
     }
     return L;
+}
+
+/*
+ * The way to the surfaces s of the lanes in `hit`, or into the open in the others of `active`,
+ * through the media that the paths are in. Returns the lanes that scatter on the way. For them s is
+ * the place where they do, without a side; other lanes of s do not change.
+ */
+LANE_FN i8 fly(const struct kernel_scene *ks, unsigned fx, i8 active, i8 hit, struct path8 *path,
+               struct surface8 *s)
+{
+    i8 inside = active & (path->medium != 0);
+    if (!i8_any(inside))
+        return inside;
+    f8 u_color, u;
+    sampler_2d(&ks->sampler, (fx & FX_SAMPLER_ANY) != 0, &path->key,
+               vertex_dimension(path, SAMPLE_DISTANCE), &u_color, &u);
+    f8 far = f8_max(vec3x8_dot(vec3x8_sub(s->p, path->o), path->d) + path->lead, F8(0));
+    struct medium8 medium = medium_of(ks->scene, path->medium);
+    struct flight8 flight = medium_fly(&medium, path->beta, f8_select(hit, far, F8(MEDIUM_FAR)),
+                                       u_color, u);
+    i8 glows = inside;
+    if (fx & FX_PATHS)
+        glows &= i8_gather(ks->dfa.accepts, path->state);
+    path->L = vec3x8_add_where(glows, path->L, flight.emitted);
+    path->beta = vec3x8_select(inside, flight.beta, path->beta);
+    i8 scattered = inside & flight.scattered;
+    f8 t = f8_max(flight.distance - path->lead, F8(0));
+    struct vec3x8 p = vec3x8_along(path->o, path->d, t);
+    s->p = vec3x8_select(scattered, p, s->p);
+    s->spawn = f8_select(scattered, F8(0), s->spawn);
+    s->inside = s->inside & ~scattered;
+    s->outside = s->outside & ~scattered;
+    return scattered;
+}
+
+/* Light from a vertex at s on the way to ls through media; T as in medium_light */
+LANE_FN i8 lit_through_media(const struct kernel_scene *ks, struct kernel_thread *thread,
+                             unsigned fx, i8 valid, const struct path8 *path,
+                             const struct surface8 *s, f8 wi_side, struct vec3x8 start,
+                             const struct light_sample8 *ls, struct path_stats *stats,
+                             struct vec3x8 *T)
+{
+    struct medium_ray8 way = {
+        .o = start,
+        .end = ls->point,
+        .lead = s->spawn * f8_abs(wi_side),
+        .medium = medium_beyond(s, path->medium, wi_side),
+        .beyond = ls->distance == ks->far_distance, /* no other light is just there */
+        .time = fx & FX_MOTION ? path->time : F8(0),
+    };
+    return medium_light(ks, thread, valid, &way, stats, T);
+}
+
+/* Scattering by the phase function, which is sampled as it is: nothing weighs it */
+LANE_FN void scatter_in_media(i8 volume, f8 g, const struct path8 *path, f8 u, f8 v,
+                              struct bsdf_sample8 *bs, struct vec3x8 *wi)
+{
+    struct vec3x8 w = phase_sample(g, path->d, u, v);
+    *wi = vec3x8_select(volume, w, *wi);
+    bs->weight = vec3x8_select(volume, vec3x8_all(1, 1, 1), bs->weight);
+    bs->pdf = f8_select(volume, phase_pdf(g, path->d, w), bs->pdf);
+    bs->eta = f8_select(volume, F8(1), bs->eta);
+    bs->delta = bs->delta & ~volume;
+    bs->valid |= volume;
 }
 
 /*
@@ -427,7 +506,7 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         i8_store(ray.hit.primID, I8(-1));
         i8_store(ray.hit.instID[0], I8(-1));
         if ((fx & FX_TEXTURE) && ks->has_alpha)
-            i8_store(ray.ray.id, (i8)ray_hash(path.o, path.d));
+            i8_store(ray.ray.id, (i8)alpha_ray_id(path.o, path.d));
         if (thread->log != NULL)
             ray_log_add(thread->log, &ray.ray, i8_bits(active), false);
         rtc_intersect8(lanes, ks->rtc, &ray);
@@ -447,22 +526,6 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         sampler_2d(&ks->sampler, any, &path.key, vertex_dimension(&path, SAMPLE_BSDF_DIRECTION),
                    &scatter_u, &scatter_v);
 
-        /* Paths that leave the scene find the sky; with the constant one nothing competes */
-        if (fx & FX_SKY) {
-            i8 sky = active & ~hit;
-            if (fx & FX_PATHS)
-                sky &= i8_gather(ks->dfa.accepts, path.state);
-            const float *c = scene->settings.sky;
-            struct vec3x8 seen = vec3x8_mul(path.beta, vec3x8_all(c[0], c[1], c[2]));
-            path.L = vec3x8_add_where(sky, path.L, seen);
-        }
-        if (fx & FX_ENVIRONMENT) {
-            i8 sky = active & ~hit;
-            if (fx & FX_PATHS)
-                sky &= i8_gather(ks->dfa.accepts, path.state);
-            path.L = sky_seen(ks, fx, sky, &path);
-        }
-
         /* What was hit; inside an instance, as seen from there */
         struct pose8 pose;
         struct vec3x8 o = path.o, d = path.d;
@@ -475,6 +538,33 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         if ((fx & FX_INSTANCE) && i8_any(inside))
             instance_leave(inside, fx, &pose, &s);
         struct vec3x8 wo_world = vec3x8_neg(path.d);
+
+        /* Some scatter before they get there, and some only come into another medium */
+        i8 escaped = active & ~hit, volume = I8(0), crossed = I8(0);
+        const bool media = (fx & FX_MEDIUM) && scene->medium_count > 0;
+        if (media) {
+            volume = fly(ks, fx, active, hit, &path, &s);
+            escaped &= ~volume;
+            crossed = hit & ~volume & (s.material == -1);
+            hit &= ~(volume | crossed);
+            s.material = s.material & ~(s.material == -1);
+        }
+
+        /* Paths that leave the scene find the sky; with the constant one nothing competes */
+        if (fx & FX_SKY) {
+            i8 sky = escaped;
+            if (fx & FX_PATHS)
+                sky &= i8_gather(ks->dfa.accepts, path.state);
+            const float *c = scene->settings.sky;
+            struct vec3x8 seen = vec3x8_mul(path.beta, vec3x8_all(c[0], c[1], c[2]));
+            path.L = vec3x8_add_where(sky, path.L, seen);
+        }
+        if (fx & FX_ENVIRONMENT) {
+            i8 sky = escaped;
+            if (fx & FX_PATHS)
+                sky &= i8_gather(ks->dfa.accepts, path.state);
+            path.L = sky_seen(ks, fx, sky, &path);
+        }
 
         /* Emission, weighted against light sampling from the vertex before (power heuristic) */
         i8 emits = hit & (s.light != -1);
@@ -554,15 +644,20 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         }
         i8 black = (bsdf.kind == MATERIAL_DIFFUSE) & (vec3x8_max(bsdf.reflectance) <= 0);
         go &= ~black;
+        if (media)
+            go |= volume;
 
         /* A path cut by the depth limit is counted, with the energy it still carried */
         i8 cut = go & (path.events >= depth_limit);
+        if (media)
+            cut |= crossed & (path.passed >= MEDIUM_CROSSINGS);
         if (i8_any(cut)) {
             f8 energy = vec3x8_luminance(path.beta);
             for (unsigned todo = i8_bits(cut); todo != 0; todo &= todo - 1)
                 stats->truncated_energy += (double)energy[__builtin_ctz(todo)];
             stats->truncated_paths += (unsigned)__builtin_popcount(i8_bits(cut));
             go &= ~cut;
+            crossed &= ~cut;
         }
 
         struct frame8 frame = frame_around(s.ns);
@@ -574,6 +669,11 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         struct vec3x8 wo = frame_to_local(&frame, wo_world);
         f8 wo_side = vec3x8_dot(s.ng, wo_world);
         go &= wo.z != 0;
+        f8 g = F8(0);
+        if (media) {
+            go |= volume & ~cut;
+            g = medium_of(scene, path.medium).g;
+        }
 
         /* Light sampling */
         struct vec3x8 side = vec3x8_all(0, 0, 0);
@@ -582,6 +682,10 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         i8 lit = go;
         if (fx & (FX_CONDUCTOR | FX_DIELECTRIC | FX_THIN | FX_COATED_CONDUCTOR))
             lit &= ~bsdf_all_delta(&bsdf, fx);
+        if (media) {
+            side = vec3x8_select(volume, vec3x8_all(0, 0, 0), side);
+            lit |= go & volume;
+        }
         i8 state_d = I8(0);
         if (fx & FX_PATHS) {
             state_d = i8_gather(ks->dfa.next, path.state * PATH_SYMBOLS + PATH_D);
@@ -594,18 +698,32 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
                                   vertex_dimension(&path, SAMPLE_LIGHT_PICK));
             struct light_sample8 ls = light_sample(ks, fx, lit, s.p, side, pick, light_u, light_v);
             struct vec3x8 wi = frame_to_local(&frame, ls.wi);
-            struct bsdf_eval8 f = bsdf_eval(&bsdf, fx, TRANSPORT_RADIANCE, ls.valid, wo, wi);
+            struct bsdf_eval8 f = bsdf_eval(&bsdf, fx, TRANSPORT_RADIANCE, ls.valid & ~volume, wo,
+                                            wi);
+            if (media) {
+                f8 phase = phase_pdf(g, path.d, ls.wi);
+                f.f_cos = vec3x8_select(volume, (struct vec3x8){ phase, phase, phase }, f.f_cos);
+                f.pdf = f8_select(volume, phase, f.pdf);
+            }
             i8 worth = ls.valid & (vec3x8_max(f.f_cos) > 0);
             f8 wi_side = vec3x8_dot(s.ng, ls.wi);
             /* No light through the surface (NUMERICS H15) */
             if (fx & (FX_SMOOTH_NORMALS | FX_BUMP))
-                worth &= ((wo.z * wi.z > 0) == (wo_side * wi_side > 0));
+                worth &= ((wo.z * wi.z > 0) == (wo_side * wi_side > 0)) | volume;
             if (i8_any(worth)) {
                 struct vec3x8 start = vec3x8_along(s.p, s.ng, f8_mulsign(s.spawn, wi_side));
                 struct vec3x8 to = vec3x8_sub(ls.point, start);
-                stats->rays_shadow += (unsigned)__builtin_popcount(i8_bits(worth));
-                i8 visible = unoccluded(ks, thread, fx, worth, start, to,
-                                        fx & FX_MOTION ? path.time : F8(0));
+                i8 visible;
+                if (media) {
+                    struct vec3x8 T;
+                    visible = lit_through_media(ks, thread, fx, worth, &path, &s, wi_side, start,
+                                                &ls, stats, &T);
+                    ls.radiance = vec3x8_mul(ls.radiance, T);
+                } else {
+                    stats->rays_shadow += (unsigned)__builtin_popcount(i8_bits(worth));
+                    visible = unoccluded(ks, thread, fx, worth, start, to,
+                                         fx & FX_MOTION ? path.time : F8(0));
+                }
                 f8 w = mis_weight(ls.pdf, f.pdf);
                 if (fx & FX_DELTA_LIGHT)
                     w = f8_select(ls.delta, F8(1), w);
@@ -620,8 +738,8 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         if (fx & (FX_MIXTURE | FX_DIELECTRIC | FX_COAT | FX_THIN | FX_COATED_CONDUCTOR))
             lobe = sampler_1d(&ks->sampler, any, &path.key,
                               vertex_dimension(&path, SAMPLE_BSDF_LOBE));
-        struct bsdf_sample8 bs = bsdf_sample(&bsdf, fx, TRANSPORT_RADIANCE, go, wo, lobe, scatter_u,
-                                             scatter_v);
+        struct bsdf_sample8 bs = bsdf_sample(&bsdf, fx, TRANSPORT_RADIANCE, go & ~volume, wo, lobe,
+                                             scatter_u, scatter_v);
 
         /* What the other layers of the picture show */
         if (__builtin_expect(thread->first_hits != NULL, 0)) {
@@ -633,15 +751,22 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
             struct vec3x8 albedo = vec3x8_scale(bs.weight, bs.eta * bs.eta);
             albedo = vec3x8_select(bs.valid, albedo, vec3x8_all(0, 0, 0));
             const f8 time = fx & FX_MOTION ? path.time : F8(0);
-            const struct first_hit8 at = { path.slot, object, s.material, s.p,
-                                           frame.n,   s.ng,   albedo,     time };
+            struct first_hit8 at = {
+                path.slot, object, s.material, s.p, frame.n, s.ng, albedo, time
+            };
+            if (media) {
+                first |= volume & (path.events == 0);
+                first_scatter(scene, volume, path.medium, &at);
+            }
             store_first_hits(&at, i8_bits(first), thread);
         }
         struct vec3x8 wi_world = frame_to_world(&frame, bs.wi);
+        if (media)
+            scatter_in_media(volume, g, &path, scatter_u, scatter_v, &bs, &wi_world);
         f8 wi_side = vec3x8_dot(s.ng, wi_world);
         go &= bs.valid;
         if (fx & (FX_SMOOTH_NORMALS | FX_BUMP))
-            go &= (bs.transmitted == 0) == (wo_side * wi_side > 0);
+            go &= ((bs.transmitted == 0) == (wo_side * wi_side > 0)) | volume;
         stats->events += (unsigned)__builtin_popcount(i8_bits(go));
         struct vec3x8 beta = vec3x8_mul(path.beta, bs.weight);
 
@@ -671,6 +796,17 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
             beta = vec3x8_select(gamble, vec3x8_scale(beta, 1 / q), beta);
         }
 
+        /* What only comes into another medium goes on as if nothing had been there */
+        i8 medium = path.medium;
+        if (media) {
+            f8 on_side = vec3x8_dot(s.ng, path.d);
+            go |= crossed;
+            beta = vec3x8_select(crossed, path.beta, beta);
+            wi_world = vec3x8_select(crossed, path.d, wi_world);
+            wi_side = f8_select(crossed, on_side, wi_side);
+            medium = medium_beyond(&s, medium, wi_side);
+        }
+
         /* Paths that end here are done; the others leave along wi */
         i8 ended = i8_from_bits(alive) & ~go;
         unsigned finished = i8_bits(ended);
@@ -680,11 +816,23 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         path.beta = beta;
         path.d = wi_world;
         path.o = vec3x8_along(s.p, s.ng, f8_mulsign(s.spawn, wi_side));
-        path.from = s.p;
+        struct vec3x8 from = s.p;
+        f8 pdf = f8_select(bs.delta, F8(0), bs.pdf);
+        i8 scattered = I8(1);
+        if (media) {
+            from = vec3x8_select(crossed, path.from, from);
+            side = vec3x8_select(crossed, path.side, side);
+            pdf = f8_select(crossed, path.pdf, pdf);
+            scattered = scattered + crossed;
+            path.passed = path.passed - crossed;
+            path.lead = s.spawn * f8_abs(wi_side);
+            path.medium = medium;
+        }
+        path.from = from;
         if (fx & FX_LIGHT_TREE)
             path.side = side;
-        path.pdf = f8_select(bs.delta, F8(0), bs.pdf);
-        path.events = path.events + 1;
+        path.pdf = pdf;
+        path.events = path.events + scattered;
     }
 }
 
@@ -806,7 +954,7 @@ void JOIN(path_quadric_, intersect, KERNEL_ISA)(const struct RTCIntersectFunctio
     unsigned N = args->N;
     float *rays = (float *)args->rayhit;
     unsigned *hits = (unsigned *)args->rayhit + (size_t)RAY_ROWS * N;
-    if (q->material == SCENE_NONE)
+    if (q->material == SCENE_NONE && q->inside == q->outside)
         return; /* an interface that is not there */
     for (unsigned first = 0; first < N; first += LANES) {
         struct callback8 c = callback_load(args->valid, rays, N, first);
@@ -828,7 +976,7 @@ void JOIN(path_quadric_, occluded, KERNEL_ISA)(const struct RTCOccludedFunctionN
     const struct quadric *q = &quadrics->first[args->primID];
     unsigned N = args->N;
     float *rays = (float *)args->ray;
-    if (q->material == SCENE_NONE)
+    if (q->material == SCENE_NONE && q->inside == q->outside)
         return;
     for (unsigned first = 0; first < N; first += LANES) {
         struct callback8 c = callback_load(args->valid, rays, N, first);
