@@ -148,21 +148,22 @@ class Verdict:
             print("    %d pixels are not finite" % self.not_finite)
         for b in sorted(self.blocks, key=lambda b: (-b.excess, -abs(b.difference)))[:worst]:
             x, y, ours, theirs = self.brightest(b)
-            firefly = (theirs - ours) / b.pixels / max(b.theirs, 1e-6)
+            share = (ours - theirs) / b.pixels / max(b.theirs, 1e-6)
+            whose = "ours" if ours > theirs else "the reference"
             print("    block at %3d,%3d: %.5g, reference %.5g, %+.2f %% (%.2f %% may be noise)%s" %
                   (b.x, b.y, b.ours, b.theirs, 100 * b.difference, 100 * b.allowance,
-                   "; %+.2f %% are its pixel %d,%d alone: a firefly" % (-100 * firefly, x, y)
-                   if theirs > FIREFLY * b.theirs else ""))
+                   "; %+.2f %% are a firefly of %s in %d,%d" % (100 * share, whose, x, y)
+                   if max(ours, theirs) > FIREFLY * b.theirs else ""))
         sys.stdout.flush()
 
     def brightest(self, block):
-        """The reference's brightest pixel of a block: x, y, ours, theirs."""
+        """The brightest pixel of a block in either picture: x, y, ours, theirs."""
         if self.pixels is None:
             found = json.loads(run(self.command + ["--blocks", "1"] + self.images))
             self.pixels = [(p["x"], p["y"], p["luminance_a"], p["luminance_b"])
                            for p in found["blocks"] if p["pixels"]]
         return max((p for p in self.pixels if 0 <= p[0] - block.x < BLOCK
-                    and 0 <= p[1] - block.y < BLOCK), key=lambda p: p[3])
+                    and 0 <= p[1] - block.y < BLOCK), key=lambda p: max(p[2:]))
 
     def line(self):
         beyond = ", ".join("%s %.2f (%g)%s" % (what, 100 * value, 100 * limit,
