@@ -5,8 +5,8 @@
  *
  * Sources: CIE 1931 2-degree observer and illuminant D65 (CIE 15, tables at 10 nm); metals from
  * Palik, Handbook of Optical Constants of Solids (Al, Ag, Au), and the SOPRA tables (Cu, CuZn,
- * MgO, TiO2), averaged with the colour matching functions; glasses from the manufacturers' data
- * sheets (Schott, CDGM, Hikari), at the sodium d line, 587.56 nm.
+ * MgO, TiO2), as numbers per channel that reflect the same colour; glasses from the manufacturers'
+ * data sheets (Schott, CDGM, Hikari), at the sodium d line, 587.56 nm.
  */
 #ifndef MASTER_SPECTRUM_H
 #define MASTER_SPECTRUM_H
