@@ -157,11 +157,15 @@ static void check(const struct subject *m)
     checks_agreement(m, false);
     checks_agreement(m, true);
     checks_both_ways(m);
-    int looks = subject_width(m) < 0.08 ? 0 : subject_ior(m) != 1 ? 3 : 2;
-    for (int i = 0; i < looks; i++) {
+    /* From one of two directions; glass from all */
+    static int turn;
+    for (int i = 0; i < 3 && subject_width(m) >= 0.08; i++) {
+        if (subject_ior(m) == 1 && i != turn % 2)
+            continue;
         struct scatter s = { m, at_cosine(cosines[i]), i % 2, 0, SOUND };
         checks_distribution(&s, 1, (uint64_t)i + 50, 4e-3);
     }
+    turn++;
 }
 
 static void every_material_passes_every_check(void **state) /* H25, H27, H28, H30 */
@@ -304,7 +308,7 @@ static void leaning_normals_let_no_light_through(void **state) /* H15 */
                                                 .direction = { 0, 0.6f, 0.8f } });
             lean(scene, NULL);
             scenes_finish(scene);
-            struct picture *p = picture_take(scene, (struct picture_how){ .samples = 16 });
+            struct picture *p = picture_take(scene, (struct picture_how){ .samples = 8 });
             assert_int_equal(p->failed, 0);
             if ((p->largest > 0) != open)
                 fail_msg("%s: %g in %s box", rows[i].name, p->largest,

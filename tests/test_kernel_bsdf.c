@@ -345,7 +345,7 @@ static const struct {
 static void directions_are_distributed_as_their_density_says(void **state) /* H27 */
 {
     (void)state;
-    const double cosines[] = { 0.95, 0.5, 0.15, 0.04, -0.9, -0.4 };
+    const double cosines[] = { 0.95, 0.15, 0.04, -0.9, -0.4 };
     for (size_t i = 0; i < SCATTERS; i++)
         for (size_t c = 0; c < sizeof(cosines) / sizeof(cosines[0]); c++) {
             struct scatter s = { &subjects[scatters[i].id], at_cosine(cosines[c]), c % 2,
@@ -788,11 +788,11 @@ static void energy_is_continuous_where_roughness_ends(void **state) /* H25: the 
             float *alpha = rows[i].base ? material.base_alpha : material.alpha;
             const struct subject m = { names[rows[i].id], &scene, &material };
             alpha[0] = alpha[1] = ALPHA_SMOOTH;
-            struct tally above = subject_albedo(&m, c, 1, 8000, 9);
+            struct tally above = subject_albedo(&m, c, 1, 4000, 9);
             alpha[0] = alpha[1] = 0.999f * ALPHA_SMOOTH;
-            struct tally below = subject_albedo(&m, c, 1, 8000, 9);
+            struct tally below = subject_albedo(&m, c, 1, 4000, 9);
             alpha[0] = alpha[1] = 0.3f; /* planted: the switch at another width */
-            struct tally wide = subject_albedo(&m, c, 1, 8000, 9);
+            struct tally wide = subject_albedo(&m, c, 1, 4000, 9);
             double allowed = 0.01 * tally_mean(&below);
             if (!(fabs(tally_mean(&above) - tally_mean(&below)) <= allowed))
                 fail_msg("%s at cosine %g: %g above the limit, %g below", m.name, c,

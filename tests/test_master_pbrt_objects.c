@@ -200,8 +200,7 @@ static void a_motion_between_equal_transforms_is_none(void **state)
         "ActiveTransform EndTime ActiveTransform All ",
         "ActiveTransform EndTime Translate 0 0 0 ActiveTransform All ",
         "Translate 1 2 3 Rotate 30 1 2 3 ActiveTransform EndTime Scale 1 1 1 ActiveTransform All ",
-        "ActiveTransform StartTime Scale 2 2 2 ActiveTransform EndTime Scale 2 2 2 "
-        "ActiveTransform All ",
+        "ActiveTransform StartTime Scale 2 2 2 ActiveTransform EndTime Scale 2 2 2 ",
     };
     for (size_t i = 0; i < sizeof(still) / sizeof(still[0]); i++) {
         char text[1000];
