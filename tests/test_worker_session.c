@@ -4,7 +4,9 @@
 #include "common/job.h"
 #include "common/scene.h"
 #include "proto/bundle.h"
+#include "proto/cache.h"
 #include "proto/channel.h"
+#include "proto/limits.h"
 #include "proto/node_wire.h"
 #include "worker/journal.h"
 #include "worker/profile.h"
@@ -563,6 +565,16 @@ static void what_cannot_be_loaded_is_said_in_job_ready(void **state)
     }
 }
 
+/* A worker keeps what it got beside its work */
+static void wait_until_kept(const char *dir)
+{
+    struct cache *cache = cache_open(dir, LIMIT_GIB, NULL);
+    assert_non_null(cache);
+    while (cache_used(cache) == 0)
+        usleep(1000);
+    cache_close(cache);
+}
+
 static void a_cached_scene_does_not_cross_the_wire_again(void **state)
 {
     (void)state;
@@ -589,6 +601,7 @@ static void a_cached_scene_does_not_cross_the_wire_again(void **state)
         letter_free(letter);
         send_lease(&farm, 1, 9, 5, six_nodes, 1);
         letter_free(expect(&farm, PATHFARM__KIND__KIND_RESULT));
+        wait_until_kept(dir);
         farm_close(&farm);
     }
     char command[128];
