@@ -1,8 +1,7 @@
 /*
  * Shape: those that become triangles at load, because the scene model has no others like them:
- * cylinder, bilinearmesh, loopsubdiv and curve, and spheres and disks where they emit or have
- * "alpha" and are more than a quadric can be. Part of the pbrt reader. False: the reader's err is
- * set.
+ * cylinder, bilinearmesh, loopsubdiv and curve, and spheres and disks that emit and are cut or
+ * stretched. Part of the pbrt reader. False: the reader's err is set.
  *
  * How close they come is said in tessellate.h, subdivide.h and curve_mesh.h; a bilinear patch is
  * true to 1/2048 of its mesh's size. How many triangles a scene may get in this way grows with its

@@ -243,10 +243,10 @@ static bool add_quadric(struct pbrt_reader *reader, const struct build_place *pl
     if (phi < 360 || inner > 0 || (sphere && (z_min > -radius || z_max < radius)))
         quadric->flags |= QUADRIC_PARTIAL;
     bool whole = !(quadric->flags & QUADRIC_PARTIAL) && transform_similarity(&place->to_world) > 0;
-    if (place->alpha != 0 || (place->emitter != SCENE_NONE && !whole)) {
-        pbrt_report_note(reader, &place->pos, "a %s that %s is made of triangles",
-                         sphere ? "sphere" : "disk",
-                         place->alpha != 0 ? "has \"alpha\"" : "emits and is cut or stretched");
+    if (place->emitter != SCENE_NONE && !whole) {
+        pbrt_report_note(reader, &place->pos,
+                         "a %s that emits and is cut or stretched is made of triangles",
+                         sphere ? "sphere" : "disk");
         return pbrt_curved_quadric(reader, &built);
     }
     return scene_build_add_quadric(reader->build, &built, reader->err);
