@@ -1,12 +1,6 @@
 /*
  * libFuzzer target: any bytes as a picture file, under the strict limits. One source, a target for
- * each format (png, jpeg, tga, hdr, pfm, exr). Not built by default:
- *   clang -g -O1 -fsanitize=fuzzer,address,undefined -D_GNU_SOURCE -DFUZZ_FORMAT=png -I.
- *       $(pkg-config --cflags OpenEXR) tests/fuzz_picture.c common/err.c
- *       master/{picture_{file,reader,png,jpeg,tga,hdr,pfm,exr},number}.c
- *       $(pkg-config --libs OpenEXR libpng libjpeg zlib) -lm -o fuzz_picture_png
- *   ./fuzz_picture_png -max_len=65536 -timeout=5 -malloc_limit_mb=68 corpus
- * (64 MiB and 64 bytes per byte of input are what reading may take.) Without FUZZ_FORMAT, the
+ * each format (png, jpeg, tga, hdr, pfm, exr; tests/fuzz.sh builds them). Without FUZZ_FORMAT, the
  * content says which format it is.
  */
 #include "common/err.h"
