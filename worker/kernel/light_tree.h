@@ -158,6 +158,14 @@ struct light_walk {
     int32_t at; /* the node, or ~light: going down; the place, or -1: going up */
 };
 
+/* Ask memory for a node that is wanted when the other walks have done a step */
+LANE_FN void light_node_fetch(const struct light_tree *tree, int32_t index)
+{
+    const char *node = (const char *)&tree->nodes[index];
+    for (size_t byte = 0; byte < sizeof(tree->nodes[0]); byte += 64)
+        __builtin_prefetch(node + byte);
+}
+
 LANE_FN void light_walk_down(const struct light_tree *tree, struct light_walk *walk)
 {
     const struct light_node *node = &tree->nodes[walk->at];
@@ -171,6 +179,8 @@ LANE_FN void light_walk_down(const struct light_tree *tree, struct light_walk *w
     float u = (target - (sums[slot] - weight)) / weight;
     walk->u = u < 0 ? 0 : u < 0x1.fffffep-1f ? u : 0x1.fffffep-1f;
     walk->at = node->child[slot];
+    if (walk->at >= 0)
+        light_node_fetch(tree, walk->at);
 }
 
 LANE_FN void light_walk_up(const struct light_tree *tree, struct light_walk *walk)
@@ -179,6 +189,8 @@ LANE_FN void light_walk_up(const struct light_tree *tree, struct light_walk *wal
     f8 sums, weights = light_node_weights(node, walk->p, walk->n, &sums);
     walk->probability *= weights[walk->at % LANES] / sums[LANES - 1];
     walk->at = node->parent;
+    if (walk->at >= 0)
+        light_node_fetch(tree, walk->at / LANES);
 }
 
 /*
@@ -238,7 +250,10 @@ LIGHT_TREE_FN void light_tree_pick(const struct light_tree *tree, unsigned lanes
                                            .n = vec3x8_of_lane(n8, lane),
                                            .probability = tree->share,
                                            .at = place };
-        walking |= (unsigned)(place >= 0) << lane;
+        if (place >= 0) {
+            light_node_fetch(tree, place / LANES);
+            walking |= 1u << lane;
+        }
     }
     while (walking != 0)
         for (unsigned todo = walking; todo != 0; todo &= todo - 1) {
