@@ -71,6 +71,12 @@ LANE_FN unsigned i8_bits(i8 mask)
 #endif
 }
 
+/* Each lane's own number */
+LANE_FN i8 i8_lanes(void)
+{
+    return (i8){ 0, 1, 2, 3, 4, 5, 6, 7 };
+}
+
 LANE_FN int i8_any(i8 mask)
 {
     return i8_bits(mask) != 0;

@@ -2,7 +2,7 @@
  * Instances and motion, eight at a time: where groups of shapes stand at the times of eight rays,
  * rays into their space, and surfaces out of it.
  *
- * Embree sees all instances as one user geometry whose callbacks (path.c) take the rays to the
+ * Embree sees all instances as one user geometry whose callbacks (callbacks.c) take the rays to the
  * group's space and ask the group's own scene. That needs no more than struct instance and a leaf
  * of the tree per instance, where an instance object of Embree's takes half a kilobyte; and the
  * rays that find a surface are the very ones from which its point is computed here.

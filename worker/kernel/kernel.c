@@ -7,6 +7,7 @@
 #include "common/pages.h"
 #include "proto/digest.h"
 #include "worker/kernel/alpha.h"
+#include "worker/kernel/callbacks.h"
 #include "worker/kernel/emission.h"
 #include "worker/kernel/first_hit.h"
 #include "worker/kernel/micro.h"
@@ -258,11 +259,11 @@ static bool quadrics_attach(struct kernel_scene *ks, RTCScene rtc, const struct 
     *quadrics = (struct kernel_quadrics){ ks, &ks->scene->quadrics[group->first_quadric] };
     rtcSetGeometryUserData(geometry, quadrics);
     /* Bounds are in double precision nowhere, so one version serves both instruction sets */
-    rtcSetGeometryBoundsFunction(geometry, path_quadric_bounds_base, NULL);
-    rtcSetGeometryIntersectFunction(geometry, avx2 ? path_quadric_intersect_avx2
-                                                   : path_quadric_intersect_base);
-    rtcSetGeometryOccludedFunction(geometry,
-                                   avx2 ? path_quadric_occluded_avx2 : path_quadric_occluded_base);
+    rtcSetGeometryBoundsFunction(geometry, callbacks_quadric_bounds_base, NULL);
+    rtcSetGeometryIntersectFunction(geometry, avx2 ? callbacks_quadric_intersect_avx2
+                                                   : callbacks_quadric_intersect_base);
+    rtcSetGeometryOccludedFunction(geometry, avx2 ? callbacks_quadric_occluded_avx2
+                                                  : callbacks_quadric_occluded_base);
     rtcCommitGeometry(geometry);
     rtcAttachGeometryByID(rtc, geometry, geometry_id);
     rtcReleaseGeometry(geometry);
@@ -305,11 +306,11 @@ static bool instances_attach(struct kernel_scene *ks, struct err *err)
     bool avx2 = has_avx2();
     rtcSetGeometryUserPrimitiveCount(geometry, scene->instance_count);
     rtcSetGeometryUserData(geometry, ks);
-    rtcSetGeometryBoundsFunction(geometry, path_instance_bounds_base, NULL);
-    rtcSetGeometryIntersectFunction(geometry, avx2 ? path_instance_intersect_avx2
-                                                   : path_instance_intersect_base);
-    rtcSetGeometryOccludedFunction(geometry, avx2 ? path_instance_occluded_avx2
-                                                  : path_instance_occluded_base);
+    rtcSetGeometryBoundsFunction(geometry, callbacks_instance_bounds_base, NULL);
+    rtcSetGeometryIntersectFunction(geometry, avx2 ? callbacks_instance_intersect_avx2
+                                                   : callbacks_instance_intersect_base);
+    rtcSetGeometryOccludedFunction(geometry, avx2 ? callbacks_instance_occluded_avx2
+                                                  : callbacks_instance_occluded_base);
     rtcCommitGeometry(geometry);
     rtcAttachGeometryByID(ks->rtc, geometry, scene->mesh_count + 1);
     rtcReleaseGeometry(geometry);

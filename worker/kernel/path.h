@@ -1,6 +1,6 @@
 /*
- * What path.c exports, once per instruction set: the leaf function of every kernel variant and the
- * callbacks of Embree's user geometry. Used by kernel.c, which chooses.
+ * What path.c exports, once per instruction set: the leaf function of every kernel variant. Used by
+ * kernel.c, which chooses.
  */
 #ifndef WORKER_KERNEL_PATH_H
 #define WORKER_KERNEL_PATH_H
@@ -12,19 +12,10 @@
     void path_leaf_##name##_##isa(const struct kernel_scene *ks, struct kernel_thread *thread, \
                                   uint32_t tile, uint32_t replicate, uint64_t leaf,            \
                                   struct path_stats *stats);
-#define PATH_DECLARE_CALLBACKS(isa)                                                        \
-    void path_quadric_bounds_##isa(const struct RTCBoundsFunctionArguments *args);         \
-    void path_quadric_intersect_##isa(const struct RTCIntersectFunctionNArguments *args);  \
-    void path_quadric_occluded_##isa(const struct RTCOccludedFunctionNArguments *args);    \
-    void path_instance_bounds_##isa(const struct RTCBoundsFunctionArguments *args);        \
-    void path_instance_intersect_##isa(const struct RTCIntersectFunctionNArguments *args); \
-    void path_instance_occluded_##isa(const struct RTCOccludedFunctionNArguments *args);
 
 #define X(name, mask) PATH_DECLARE(name, avx2)
 PATH_VARIANTS(X)
 #undef X
 PATH_DECLARE(everything, base)
-PATH_DECLARE_CALLBACKS(avx2)
-PATH_DECLARE_CALLBACKS(base)
 
 #endif
