@@ -202,6 +202,11 @@ LANE_FN f8 f8_permute(f8 a, i8 index)
 #endif
 }
 
+LANE_FN i8 i8_permute(i8 a, i8 index)
+{
+    return (i8)f8_permute((f8)a, index);
+}
+
 LANE_FN u8 u8_permute(u8 a, i8 index)
 {
     return (u8)f8_permute((f8)a, index);

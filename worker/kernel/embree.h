@@ -43,6 +43,23 @@ rtc_intersect8(const int *valid, RTCScene scene, struct RTCRayHit8 *rays)
 #endif
 }
 
+/* The same of rays that go nearly one way: Embree leads them through its tree together */
+static inline __attribute__((always_inline, unused)) void
+rtc_intersect_together8(const int *valid, RTCScene scene, struct RTCRayHit8 *rays)
+{
+#if RTC_VERSION_MAJOR >= 4
+    struct RTCIntersectArguments arguments;
+    rtcInitIntersectArguments(&arguments);
+    arguments.flags = RTC_RAY_QUERY_FLAG_COHERENT;
+    rtcIntersect8(valid, scene, rays, &arguments);
+#else
+    struct RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    context.flags = RTC_INTERSECT_CONTEXT_FLAG_COHERENT;
+    rtcIntersect8(valid, scene, &context, rays);
+#endif
+}
+
 static inline __attribute__((always_inline, unused)) void
 rtc_occluded8(const int *valid, RTCScene scene, struct RTCRay8 *rays)
 {

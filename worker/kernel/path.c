@@ -53,17 +53,69 @@ struct path8 {
     i8 slot;   /* sample of the leaf */
 };
 
-/* Camera rays made eight at a time and handed to lanes as they fall free */
+/* What Embree finds along rays: the nearest surface, and how far */
+struct found8 {
+    f8 t;
+    i8 geometry, prim, instance; /* -1: none */
+};
+
+/* Rays that are not rays never reach Embree */
+LANE_FN i8 sound_rays(struct vec3x8 o, struct vec3x8 d)
+{
+    f8 d2 = vec3x8_length2(d);
+    return (d2 > 0.5f) & (d2 < 2) & (vec3x8_max_abs(o) < 1e30f);
+}
+
+/* Find the nearest surface of the rays of `lanes`; what else is in `found` stays. Together: they go
+ * nearly one way. */
+LANE_FN void find_nearest(const struct kernel_scene *ks, struct kernel_thread *thread, unsigned fx,
+                          i8 lanes, struct vec3x8 o, struct vec3x8 d, f8 time, bool together,
+                          struct found8 *found)
+{
+    _Alignas(32) int32_t valid[LANES];
+    struct RTCRayHit8 ray;
+    i8_store(valid, lanes);
+    f8_store(ray.ray.org_x, o.x);
+    f8_store(ray.ray.org_y, o.y);
+    f8_store(ray.ray.org_z, o.z);
+    f8_store(ray.ray.dir_x, d.x);
+    f8_store(ray.ray.dir_y, d.y);
+    f8_store(ray.ray.dir_z, d.z);
+    f8_store(ray.ray.tnear, F8(0));
+    f8_store(ray.ray.tfar, f8_select(lanes, F8(__builtin_inff()), found->t));
+    f8_store(ray.ray.time, time);
+    i8_store(ray.ray.mask, I8(-1));
+    i8_store(ray.ray.flags, I8(0));
+    i8_store(ray.hit.geomID, found->geometry | lanes);
+    i8_store(ray.hit.primID, found->prim | lanes);
+    i8_store(ray.hit.instID[0], found->instance | lanes);
+    if ((fx & FX_TEXTURE) && ks->has_alpha)
+        i8_store(ray.ray.id, (i8)alpha_ray_id(o, d));
+    if (thread->log != NULL)
+        ray_log_add(thread->log, &ray.ray, i8_bits(lanes), false);
+    if (together)
+        rtc_intersect_together8(valid, ks->rtc, &ray);
+    else
+        rtc_intersect8(valid, ks->rtc, &ray);
+    found->t = f8_load(ray.ray.tfar);
+    found->geometry = i8_load(ray.hit.geomID);
+    found->prim = i8_load(ray.hit.primID);
+    found->instance = i8_load(ray.hit.instID[0]);
+}
+
+/* Camera rays made and traced eight at a time, and handed to lanes as they fall free */
 struct camera_batch {
     struct vec3x8 o, d;
     f8 time;
+    struct found8 found;
     struct sample_key8 key;
     int used, count;
     int32_t first_slot;
 };
 
 LANE_FN void camera_batch_fill(struct camera_batch *batch, const struct kernel_scene *ks,
-                               unsigned fx, const struct tile_rect *tile, uint32_t replicate,
+                               struct kernel_thread *thread, unsigned fx,
+                               const struct tile_rect *tile, uint32_t replicate,
                                uint64_t first_sample, int32_t first_slot, int32_t slot_end)
 {
     const struct scene_settings *settings = &ks->scene->settings;
@@ -109,11 +161,15 @@ LANE_FN void camera_batch_fill(struct camera_batch *batch, const struct kernel_s
     batch->first_slot = first_slot;
     int32_t left = slot_end - first_slot;
     batch->count = left < LANES ? left : LANES;
+    i8 lanes = (i8_lanes() < batch->count) & sound_rays(batch->o, batch->d);
+    find_nearest(ks, thread, fx, lanes, batch->o, batch->d, batch->time, true, &batch->found);
 }
 
-/* Start waiting camera rays in the lanes of `idle`; returns the lanes that got one */
+/* Start waiting camera rays, and what they found, in the lanes of `idle`; returns the lanes that
+ * got one */
 LANE_FN unsigned camera_batch_take(struct camera_batch *batch, const struct kernel_scene *ks,
-                                   unsigned fx, unsigned idle, struct path8 *path)
+                                   unsigned fx, unsigned idle, struct path8 *path,
+                                   struct found8 *found)
 {
     int32_t source[LANES] = { 0 };
     unsigned taken = 0;
@@ -128,6 +184,12 @@ LANE_FN unsigned camera_batch_take(struct camera_batch *batch, const struct kern
     path->key = sampler_key_select(fresh, key, path->key);
     path->o = vec3x8_select(fresh, vec3x8_permute(batch->o, from), path->o);
     path->d = vec3x8_select(fresh, vec3x8_permute(batch->d, from), path->d);
+    found->t = f8_select(fresh, f8_permute(batch->found.t, from), found->t);
+    found->geometry = i8_select(fresh, i8_permute(batch->found.geometry, from), found->geometry);
+    found->prim = i8_select(fresh, i8_permute(batch->found.prim, from), found->prim);
+    if (fx & FX_INSTANCE)
+        found->instance = i8_select(fresh, i8_permute(batch->found.instance, from),
+                                    found->instance);
     path->beta = vec3x8_select(fresh, vec3x8_all(1, 1, 1), path->beta);
     path->L = vec3x8_select(fresh, vec3x8_all(0, 0, 0), path->L);
     path->pdf = f8_select(fresh, F8(0), path->pdf);
@@ -451,63 +513,43 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
     const i8 depth_limit = I8((int32_t)ks->max_depth);
 
     struct camera_batch batch = { .count = 0 };
+    struct found8 found = { .t = F8(0) };
     struct path8 path = { .slot = I8(0) };
     int32_t next_slot = 0;
     unsigned alive = 0;
 
     for (;;) {
         /* Give idle lanes the next samples of the leaf */
+        unsigned going_on = alive;
         while ((alive ^ usable) != 0) {
             if (batch.used == batch.count) {
                 if (next_slot >= slot_end)
                     break;
-                camera_batch_fill(&batch, ks, fx, &tile, replicate, first_sample, next_slot,
+                camera_batch_fill(&batch, ks, thread, fx, &tile, replicate, first_sample, next_slot,
                                   slot_end);
                 next_slot += batch.count;
             }
-            alive |= camera_batch_take(&batch, ks, fx, usable & ~alive, &path);
+            alive |= camera_batch_take(&batch, ks, fx, usable & ~alive, &path, &found);
         }
         if (alive == 0)
             break;
 
-        /* Rays that are not rays never reach Embree; their samples count as not a number */
+        /* Samples of rays that are none count as not a number */
         i8 active = i8_from_bits(alive);
-        f8 d2 = vec3x8_length2(path.d);
-        i8 sound = (d2 > 0.5f) & (d2 < 2) & (vec3x8_max_abs(path.o) < 1e30f);
-        i8 broken = active & ~sound;
+        i8 sound = sound_rays(path.o, path.d), broken = active & ~sound;
         if (i8_any(broken)) {
             path.L = vec3x8_select(broken, vec3x8_all(__builtin_nanf(""), 0, 0), path.L);
             active &= sound;
         }
 
-        /* The nearest surface along each ray */
-        _Alignas(32) int32_t lanes[LANES];
-        struct RTCRayHit8 ray;
-        i8_store(lanes, active);
-        f8_store(ray.ray.org_x, path.o.x);
-        f8_store(ray.ray.org_y, path.o.y);
-        f8_store(ray.ray.org_z, path.o.z);
-        f8_store(ray.ray.dir_x, path.d.x);
-        f8_store(ray.ray.dir_y, path.d.y);
-        f8_store(ray.ray.dir_z, path.d.z);
-        f8_store(ray.ray.tnear, F8(0));
-        f8_store(ray.ray.tfar, F8(__builtin_inff()));
-        f8_store(ray.ray.time, fx & FX_MOTION ? path.time : F8(0));
-        i8_store(ray.ray.mask, I8(-1));
-        i8_store(ray.ray.flags, I8(0));
-        i8_store(ray.hit.geomID, I8(-1));
-        i8_store(ray.hit.primID, I8(-1));
-        i8_store(ray.hit.instID[0], I8(-1));
-        if ((fx & FX_TEXTURE) && ks->has_alpha)
-            i8_store(ray.ray.id, (i8)alpha_ray_id(path.o, path.d));
-        if (thread->log != NULL)
-            ray_log_add(thread->log, &ray.ray, i8_bits(active), false);
-        rtc_intersect8(lanes, ks->rtc, &ray);
+        /* The nearest surface along each ray; those of the camera know it */
+        find_nearest(ks, thread, fx, active & i8_from_bits(going_on), path.o, path.d,
+                     fx & FX_MOTION ? path.time : F8(0), false, &found);
         stats->rays_closest += (unsigned)__builtin_popcount(i8_bits(active));
-        i8 geometry = i8_load(ray.hit.geomID), prim = i8_load(ray.hit.primID);
+        i8 geometry = found.geometry, prim = found.prim;
         i8 hit = active & (geometry != -1), inside = I8(0), instance = I8(-1);
         if (fx & FX_INSTANCE) {
-            instance = i8_load(ray.hit.instID[0]);
+            instance = found.instance;
             inside = instance_resolve(ks, hit, instance, &geometry, &prim);
         }
         struct hit_corners8 corners = hit_corners(ks, fx, hit, geometry, prim);
@@ -526,8 +568,7 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
             pose = instance_pose(scene, fx, false, instance & inside, path.time);
             instance_enter(inside, &pose, &o, &d);
         }
-        struct surface8 s = hit_surface(ks, fx, hit, geometry, prim, &corners, o, d,
-                                        f8_load(ray.ray.tfar));
+        struct surface8 s = hit_surface(ks, fx, hit, geometry, prim, &corners, o, d, found.t);
         if ((fx & FX_INSTANCE) && i8_any(inside))
             instance_leave(inside, fx, &pose, &s);
         struct vec3x8 wo_world = vec3x8_neg(path.d);
