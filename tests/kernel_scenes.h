@@ -22,9 +22,15 @@
 #include "worker/profile.h"
 
 #include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+
+#include <cmocka.h>
 
 #define SCENES_CAPACITY 4096 /* of every array */
 
@@ -134,6 +140,19 @@ static inline void scenes_box(struct scene *scene, const float a[3], const float
             }
             scenes_quad(scene, (const float(*)[3])corners, material, Le);
         }
+}
+
+/* A box about the origin with one small light below its ceiling, seen from near its back wall */
+static inline void scenes_room(struct scene *scene, uint32_t wall, uint32_t lamp)
+{
+    static const float low[3] = { -1, -1, -1 }, high[3] = { 1, 1, 1 };
+    static const float corners[4][3] = { { -0.3f, 0.95f, -0.3f },
+                                         { 0.3f, 0.95f, -0.3f },
+                                         { 0.3f, 0.95f, 0.3f },
+                                         { -0.3f, 0.95f, 0.3f } };
+    scene->settings.camera.position[2] = -0.9f;
+    scenes_box(scene, low, high, wall, 0);
+    scenes_quad(scene, corners, lamp, 4);
 }
 
 static inline struct quadric *scenes_quadric(struct scene *scene, uint32_t kind, float x, float y,
@@ -259,14 +278,14 @@ static inline void scenes_finish(struct scene *scene)
 
 /* ---- rays */
 
-/* The nearest hits of eight rays, as the path kernel resolves them */
+/* The nearest hits of eight rays between tnear and tfar, as the path kernel resolves them */
 struct scenes_hit {
     i8 hit, geometry, prim, instance; /* instance: -1 outside of them */
     f8 t;
 };
 
 static inline struct scenes_hit scenes_intersect(const struct kernel_scene *ks, struct vec3x8 o,
-                                                 struct vec3x8 d, f8 time)
+                                                 struct vec3x8 d, float tnear, float tfar, f8 time)
 {
     _Alignas(32) int32_t valid[LANES];
     struct RTCRayHit8 ray;
@@ -278,7 +297,8 @@ static inline struct scenes_hit scenes_intersect(const struct kernel_scene *ks, 
     f8_store(ray.ray.dir_x, d.x);
     f8_store(ray.ray.dir_y, d.y);
     f8_store(ray.ray.dir_z, d.z);
-    f8_store(ray.ray.tfar, F8(__builtin_inff()));
+    f8_store(ray.ray.tnear, F8(tnear));
+    f8_store(ray.ray.tfar, F8(tfar));
     f8_store(ray.ray.time, time);
     i8_store(ray.ray.mask, I8(-1));
     i8_store(ray.hit.geomID, I8(-1));
@@ -402,6 +422,25 @@ static inline bool picture_same(const struct picture *a, const struct picture *b
 {
     return a->width == b->width && a->height == b->height &&
            memcmp(a->rgb, b->rgb, (size_t)a->width * a->height * 3 * sizeof(float)) == 0;
+}
+
+/* One lane or three instead of eight, and lanes of two halves, give the bits of `want` */
+static inline void picture_expect_any_lanes(const struct scene *scene, const struct picture *want,
+                                            uint32_t samples)
+{
+    for (uint32_t lanes = 1; lanes <= 3; lanes += 2) {
+        struct picture *p = picture_take(
+            scene, (struct picture_how){ .samples = samples, .lanes = lanes });
+        if (!picture_same(want, p))
+            fail_msg("%s: %u lanes give different bits", p->variant, lanes);
+        picture_free(p);
+    }
+    setenv("PATHFARM_LANES", "base", 1);
+    struct picture *p = picture_take(scene, (struct picture_how){ .samples = samples });
+    unsetenv("PATHFARM_LANES");
+    if (!picture_same(want, p))
+        fail_msg("%s: without AVX2 the bits are different", p->variant);
+    picture_free(p);
 }
 
 #endif

@@ -6,6 +6,7 @@
 #include "common/scene.h"
 #include "master/coat.h"
 #include "tests/chi2.h"
+#include "tests/dielectric.h"
 #include "worker/kernel/bsdf.h"
 
 #include <setjmp.h>
@@ -44,20 +45,6 @@ static double dot(struct direction a, struct direction b)
     return a.x * b.x + a.y * b.y + a.z * b.z;
 }
 
-static double fresnel(double c, double n)
-{
-    double s2 = (1 - c * c) / (n * n);
-    if (s2 >= 1)
-        return 1;
-    double t = sqrt(1 - s2), p = (n * c - t) / (n * c + t), s = (c - n * t) / (c + n * t);
-    return (p * p + s * s) / 2;
-}
-
-static double lambda(double z, double alpha)
-{
-    return (sqrt(1 + alpha * alpha * (1 / (z * z) - 1)) - 1) / 2;
-}
-
 /* A normal by D cos and the weight that makes it one of the visible normals; false: none */
 static bool draw_normal(struct random_lanes *r, struct direction w, double alpha,
                         struct direction *m, double *weight)
@@ -78,7 +65,8 @@ static bool draw_normal(struct random_lanes *r, struct direction w, double alpha
 
 static double shadowing(double a, double b, double alpha)
 {
-    return alpha == 0 ? 1 : 1 / (1 + lambda(a, alpha) + lambda(fabs(b), alpha));
+    return alpha == 0 ? 1
+                      : 1 / (1 + dielectric_lambda(a, alpha) + dielectric_lambda(fabs(b), alpha));
 }
 
 /*
@@ -94,7 +82,7 @@ static double meet_interface(struct random_lanes *r, double alpha, double n, str
     *through = false;
     if (!draw_normal(r, *w, alpha, &m, &weight))
         return 0;
-    double c = dot(*w, m), F = fresnel(c, n), k = 2 * c, s = 1;
+    double c = dot(*w, m), F = dielectric_fresnel(c, n), k = 2 * c, s = 1;
     *through = random_double(r) >= F;
     if (*through) {
         s = 1 / n;
@@ -269,7 +257,7 @@ static void two_mirrors_are_exact(void **state)
     coated_fill(&at);
     for (double mu = 0.05; mu <= 1; mu += 0.05) {
         double inside = sqrt(1 - (1 - mu * mu) / 2.25), A = exp(-0.1 / inside);
-        double F = fresnel(mu, 1.5);
+        double F = dielectric_fresnel(mu, 1.5);
         double Fc = (double)fresnel_conductor(F8((float)inside), F8(0.6f), F8(1.6f))[0];
         double want = F + (1 - F) * (1 - F) * A * A * Fc / (1 - F * Fc * A * A);
         struct tally t = model(mu, 5);

@@ -1,15 +1,11 @@
 /*
  * Direct light three ways (NUMERICS H36): by light sampling alone, by scattering alone, and by both
- * under their weights, for every shape of light on every material. No closed form is needed: the
- * three are one integral, and must agree within four standard errors.
- *
- * All three are pictures of the path kernel itself. What a light says about how often it is chosen
- * enters both its samples and the weight of a ray that finds it by chance. Where it says never,
- * scattering is left alone; where it says 2^40 times as often as it is, light sampling is, and the
- * picture is 2^-40 of the true one.
+ * under their weights, for every shape of light on every material. No closed form is needed: see
+ * techniques.h.
  */
 #include "tests/chi2.h"
 #include "tests/kernel_scenes.h"
+#include "tests/techniques.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -18,61 +14,24 @@
 
 #include <cmocka.h>
 
-enum technique { LIGHTS, SCATTERING, BOTH, LIGHTS_PLANTED, BOTH_PLANTED };
-
-#define OVERSTATED 0x1p40f
-
-static void overstate(struct kernel_scene *ks, float by)
-{
-    for (uint32_t i = 0; i < ks->light_count; i++)
-        ks->light_pmf[i] *= by;
-}
-
-static void light_sampling_alone(struct kernel_scene *ks)
-{
-    overstate(ks, OVERSTATED);
-}
-
-static void scattering_alone(struct kernel_scene *ks)
-{
-    overstate(ks, 0);
-}
-
 /* Planted: densities of light sampling 2 % too large */
 static void planted_alone(struct kernel_scene *ks)
 {
-    overstate(ks, 1.02f * OVERSTATED);
+    technique_overstate(ks, 1.02f * OVERSTATED);
 }
 
 static void planted_among_both(struct kernel_scene *ks)
 {
-    overstate(ks, 1.02f);
+    technique_overstate(ks, 1.02f);
 }
-
-struct estimate {
-    double mean, error; /* standard error of the mean */
-};
 
 static struct estimate direct(struct scene *scene, enum technique technique, uint32_t samples)
 {
-    void (*const alter[])(struct kernel_scene *) = { light_sampling_alone, scattering_alone, NULL,
-                                                     planted_alone, planted_among_both };
-    struct picture *p = picture_take(
-        scene, (struct picture_how){ .samples = samples,
-                                     .kernel = 1, /* its lights are always chosen from a table */
-                                     .seed = technique,
-                                     .alter = alter[technique] });
-    double scale = technique == LIGHTS || technique == LIGHTS_PLANTED ? (double)OVERSTATED : 1;
-    struct estimate e = { scale * p->mean, scale * sqrt(p->variance / p->pixels) };
-    assert_int_equal(p->failed, 0);
-    picture_free(p);
-    return e;
-}
-
-/* Standard errors between two of them; rounding counts as 1e-5 */
-static double apart(struct estimate a, struct estimate b)
-{
-    return fabs(a.mean - b.mean) / (hypot(a.error, b.error) + 1e-5 * fabs(a.mean) + 1e-30);
+    void (*const planted[])(struct kernel_scene *) = {
+        [LIGHTS_PLANTED] = planted_alone, [BOTH_PLANTED] = planted_among_both
+    };
+    return estimate_take(scene, technique,
+                         (struct picture_how){ .samples = samples, .alter = planted[technique] });
 }
 
 /* ---- the receiver: a speck facing +z, and every pixel looks at the origin in it */
@@ -147,11 +106,6 @@ enum { MATERIALS = sizeof(materials) / sizeof(materials[0]) };
 static struct scene *receiver(uint32_t material)
 {
     struct scene *scene = scenes_begin(16, 16);
-    scene->settings.max_depth = 1;
-    const float x = 0.6f, y = materials[material].mirrors ? -3.0f : 0;
-    scene->settings.camera = (struct camera){ .forward = { -x, -y, -1 },
-                                              .screen = { -1, 1, -1, 1 },
-                                              .position = { x, y, 1 } };
     /* None that is not needed: the kernel variant follows from all there are */
     bool mix = materials[material].material.kind == MATERIAL_MIX;
     for (uint32_t i = 0; i < MATERIALS; i++)
@@ -162,10 +116,8 @@ static struct scene *receiver(uint32_t material)
         scene->coat_tables[COAT_RETURN * COAT_TABLE_LEN + k] = 0.9f / (1 + (float)k);
         scene->coat_tables[COAT_SPREAD * COAT_TABLE_LEN + k] = 0.3f;
     }
-    static const float speck[4][3] = {
-        { -0.01f, -0.01f, 0 }, { 0.01f, -0.01f, 0 }, { 0.01f, 0.01f, 0 }, { -0.01f, 0.01f, 0 }
-    };
-    scenes_quad(scene, speck, material, 0);
+    const float x = 0.6f, y = materials[material].mirrors ? -3.0f : 0;
+    technique_receiver(scene, material, (float[3]){ x, y, 1 }, (float[3]){ -x, -y, -1 });
     return scene;
 }
 
@@ -276,7 +228,7 @@ static void all_techniques_find_the_same_light(void **state) /* H36 */
                 e[technique] = direct(scene, (enum technique)technique, 32);
             for (int a = LIGHTS; a <= BOTH; a++) {
                 int b = (a + 1) % 3;
-                if (!(e[a].mean > 0 && apart(e[a], e[b]) < 4))
+                if (!(e[a].mean > 0 && estimate_apart(e[a], e[b]) < 4))
                     fail_msg("%s on %s: lights %g +- %g, scattering %g +- %g, both %g +- %g",
                              lights[i].name, materials[m].name, e[LIGHTS].mean, e[LIGHTS].error,
                              e[SCATTERING].mean, e[SCATTERING].error, e[BOTH].mean, e[BOTH].error);
@@ -295,8 +247,8 @@ static void a_density_two_percent_off_is_noticed(void **state)
             shapes[i](scene);
             scenes_finish(scene);
             struct estimate by_chance = direct(scene, SCATTERING, 128);
-            double alone = apart(direct(scene, LIGHTS_PLANTED, 128), by_chance);
-            double among_both = apart(direct(scene, BOTH_PLANTED, 128), by_chance);
+            double alone = estimate_apart(direct(scene, LIGHTS_PLANTED, 128), by_chance);
+            double among_both = estimate_apart(direct(scene, BOTH_PLANTED, 128), by_chance);
             if (!(alone > 4 && among_both > 4))
                 fail_msg("light %zu on %s: %g and %g standard errors apart", i, materials[m].name,
                          alone, among_both);
@@ -328,7 +280,7 @@ static void a_light_that_is_not_where_it_is_hit_is_noticed(void **state)
             light->flags &= ~(uint32_t)LIGHT_TWO_SIDED;
         scene->settings.effects = scene_effects(scene);
         struct estimate by_light = direct(scene, LIGHTS, 128);
-        if (!(apart(by_light, by_chance) > 4))
+        if (!(estimate_apart(by_light, by_chance) > 4))
             fail_msg("plant %d: %g +- %g by light sampling, %g +- %g by chance", plant,
                      by_light.mean, by_light.error, by_chance.mean, by_chance.error);
         scene_free(scene);
@@ -383,7 +335,7 @@ static void a_mirror_leaves_nothing_to_light_sampling(void **state)
         scenes_finish(scene);
         const struct picture_how how = { .samples = 16, .kernel = 1 };
         struct picture_how alone = how;
-        alone.alter = scattering_alone;
+        alone.alter = technique_scattering_alone;
         struct picture *both = picture_take(scene, how), *one = picture_take(scene, alone);
         assert_true(both->mean > 0.03);
         assert_int_equal(both->stats.rays_shadow, 0);

@@ -9,6 +9,7 @@
 #include "common/direction_map.h"
 #include "tests/chi2.h"
 #include "tests/kernel_scenes.h"
+#include "tests/techniques.h"
 #include "worker/kernel/light.h"
 #include "worker/kernel/quadric.h"
 
@@ -424,32 +425,12 @@ static void directions_follow_their_density(void **state)
 
 /* ---- three techniques */
 
-enum technique { LIGHTS, SCATTERING, BOTH };
-
-#define OVERSTATED 0x1p40f
-
-static void overstate(struct kernel_scene *ks, float by)
-{
-    for (uint32_t i = 0; i < ks->light_count; i++)
-        ks->light_pmf[i] *= by;
-}
-
-static void light_sampling_alone(struct kernel_scene *ks)
-{
-    overstate(ks, OVERSTATED);
-}
-
-static void scattering_alone(struct kernel_scene *ks)
-{
-    overstate(ks, 0);
-}
-
 /* Planted: samples of another triangle, of a shape without holes, with u another way around */
 static void light_sampling_of_something_else(struct kernel_scene *ks)
 {
     static struct mesh mesh;
     static struct quadric quadric;
-    overstate(ks, OVERSTATED);
+    technique_overstate(ks, OVERSTATED);
     for (uint32_t i = 0; ks->emission != NULL && i < ks->light_count; i++) {
         struct emission *of = &ks->emission[i];
         if (of->mesh != NULL) {
@@ -470,49 +451,20 @@ static void light_sampling_of_something_else(struct kernel_scene *ks)
         ks->environments[i].has_portal = 0;
 }
 
-struct estimate {
-    double mean, error; /* standard error of the mean */
-};
-
-static struct estimate estimate_of(const struct picture *p, double scale)
-{
-    return (struct estimate){ scale * p->mean, scale * sqrt(p->variance / p->pixels) };
-}
-
 static struct estimate direct(struct scene *scene, enum technique technique, bool planted)
 {
-    void (*const alter[])(struct kernel_scene *) = { light_sampling_alone, scattering_alone, NULL };
-    struct picture *p = picture_take(
-        scene, (struct picture_how){ .samples = 256,
-                                     .leaves = 2,
-                                     .kernel = 1,
-                                     .seed = technique,
-                                     .alter = planted ? light_sampling_of_something_else
-                                                      : alter[technique] });
-    struct estimate e = estimate_of(p, technique == LIGHTS ? (double)OVERSTATED : 1);
-    assert_int_equal(p->failed, 0);
-    picture_free(p);
-    return e;
+    return estimate_take(
+        scene, technique,
+        (struct picture_how){ .samples = 256,
+                              .leaves = 2,
+                              .alter = planted ? light_sampling_of_something_else : NULL });
 }
 
-/* Standard errors between two of them; rounding counts as 1e-5 */
-static double apart(struct estimate a, struct estimate b)
-{
-    return fabs(a.mean - b.mean) / (hypot(a.error, b.error) + 1e-5 * fabs(a.mean) + 1e-30);
-}
-
-/* A speck that faces +z, seen aslant by every pixel */
 static struct scene *receiver(struct material material)
 {
     struct scene *scene = scenes_begin(16, 16);
-    scene->settings.max_depth = 1;
-    scene->settings.camera = (struct camera){ .forward = { -0.6f, 0, -1 },
-                                              .screen = { -1, 1, -1, 1 },
-                                              .position = { 0.006f, 0, 0.01f } };
-    static const float speck[4][3] = {
-        { -0.01f, -0.01f, 0 }, { 0.01f, -0.01f, 0 }, { 0.01f, 0.01f, 0 }, { -0.01f, 0.01f, 0 }
-    };
-    scenes_quad(scene, speck, scenes_material(scene, material), 0);
+    technique_receiver(scene, scenes_material(scene, material), (float[3]){ 0.006f, 0, 0.01f },
+                       (float[3]){ -0.6f, 0, -1 });
     return scene;
 }
 
@@ -620,12 +572,12 @@ static void all_techniques_find_the_same_light(void **state) /* H36 */
                 e[technique] = direct(scene, (enum technique)technique, false);
             for (int a = LIGHTS; a <= BOTH; a++) {
                 int b = (a + 1) % 3;
-                if (!(e[a].mean > 0 && apart(e[a], e[b]) < 4))
+                if (!(e[a].mean > 0 && estimate_apart(e[a], e[b]) < 4))
                     fail_msg("%s on %d: lights %g +- %g, scattering %g +- %g, both %g +- %g",
                              lights[i].name, m, e[LIGHTS].mean, e[LIGHTS].error, e[SCATTERING].mean,
                              e[SCATTERING].error, e[BOTH].mean, e[BOTH].error);
             }
-            double wrong = apart(direct(scene, LIGHTS, true), e[SCATTERING]);
+            double wrong = estimate_apart(direct(scene, LIGHTS, true), e[SCATTERING]);
             if (m == 0 && !(wrong > 4))
                 fail_msg("%s: planted, %g standard errors apart", lights[i].name, wrong);
             scene_free(scene);
@@ -665,7 +617,7 @@ static void what_nobody_sees_lights_all_the_same(void **state)
         picture_free(p);
         scene_free(scene);
     }
-    assert_true(e[0].mean > 0 && apart(e[0], e[1]) < 4);
+    assert_true(e[0].mean > 0 && estimate_apart(e[0], e[1]) < 4);
 }
 
 /* A camera that looks along +z at what is alike in every pixel */

@@ -6,6 +6,7 @@
 #include "common/direction_map.h"
 #include "tests/chi2.h"
 #include "tests/kernel_scenes.h"
+#include "tests/techniques.h"
 #include "worker/kernel/light.h"
 
 #include <setjmp.h>
@@ -457,65 +458,27 @@ static void surfaces_receive_what_the_picture_sends(void **state)
 
 /* ---- pictures */
 
-enum technique { LIGHTS, SCATTERING, BOTH, LIGHTS_PLANTED };
-#define OVERSTATED 0x1p40f
-
-static void light_sampling_alone(struct kernel_scene *ks)
-{
-    for (uint32_t i = 0; i < ks->light_count; i++)
-        ks->light_pmf[i] *= OVERSTATED;
-}
-
-static void scattering_alone(struct kernel_scene *ks)
-{
-    for (uint32_t i = 0; i < ks->light_count; i++)
-        ks->light_pmf[i] = 0;
-}
-
 static void planted_alone(struct kernel_scene *ks) /* densities 2 % too large */
 {
     for (int32_t y = 0; y < ks->environments[0].height; y++)
         ks->environments[0].row_density[y] *= 1.02f;
-    light_sampling_alone(ks);
+    technique_lights_alone(ks);
 }
-
-struct estimate {
-    double mean, error;
-};
 
 static struct estimate direct(struct scene *scene, enum technique technique)
 {
-    void (*const alter[])(struct kernel_scene *) = { light_sampling_alone, scattering_alone, NULL,
-                                                     planted_alone };
-    struct picture *p = picture_take(scene, (struct picture_how){ .samples = 256,
-                                                                  .leaves = 4,
-                                                                  .kernel = 1,
-                                                                  .seed = technique,
-                                                                  .alter = alter[technique] });
-    double scale = technique == LIGHTS || technique == LIGHTS_PLANTED ? (double)OVERSTATED : 1;
-    struct estimate e = { scale * p->mean, scale * sqrt(p->variance / p->pixels) };
-    assert_int_equal(p->failed, 0);
-    picture_free(p);
-    return e;
+    return estimate_take(
+        scene, technique,
+        (struct picture_how){ .samples = 256,
+                              .leaves = 4,
+                              .alter = technique == LIGHTS_PLANTED ? planted_alone : NULL });
 }
 
-static double apart(struct estimate a, struct estimate b)
-{
-    return fabs(a.mean - b.mean) / (hypot(a.error, b.error) + 1e-5 * fabs(a.mean) + 1e-30);
-}
-
-/* A speck that faces +z, seen aslant by every pixel */
 static struct scene *receiver(struct material material)
 {
     struct scene *scene = scenes_begin(16, 16);
-    scene->settings.max_depth = 1;
-    scene->settings.camera = (struct camera){ .forward = { -0.6f, 0, -1 },
-                                              .screen = { -1, 1, -1, 1 },
-                                              .position = { 0.6f, 0, 1 } };
-    static const float speck[4][3] = {
-        { -0.01f, -0.01f, 0 }, { 0.01f, -0.01f, 0 }, { 0.01f, 0.01f, 0 }, { -0.01f, 0.01f, 0 }
-    };
-    scenes_quad(scene, speck, scenes_material(scene, material), 0);
+    technique_receiver(scene, scenes_material(scene, material), (float[3]){ 0.6f, 0, 1 },
+                       (float[3]){ -0.6f, 0, -1 });
     return scene;
 }
 
@@ -548,13 +511,13 @@ static void all_techniques_find_the_same_light(void **state) /* H36, H40 */
             bool mixed = i == 0; /* the constant sky is not light sampling's */
             for (int a = mixed ? SCATTERING : LIGHTS; a <= (mixed ? SCATTERING : BOTH); a++) {
                 int b = (a + 1) % 3;
-                if (!(e[a].mean > 0 && apart(e[a], e[b]) < 4))
+                if (!(e[a].mean > 0 && estimate_apart(e[a], e[b]) < 4))
                     fail_msg("%s on %d: lights %g +- %g, scattering %g +- %g, both %g +- %g",
                              pictures[i].name, m, e[LIGHTS].mean, e[LIGHTS].error,
                              e[SCATTERING].mean, e[SCATTERING].error, e[BOTH].mean, e[BOTH].error);
             }
             if (pictures[i].value == noise && m == 0 && !mixed)
-                assert_true(apart(direct(scene, LIGHTS_PLANTED), e[SCATTERING]) > 4);
+                assert_true(estimate_apart(direct(scene, LIGHTS_PLANTED), e[SCATTERING]) > 4);
             scene_free(scene);
         }
 }

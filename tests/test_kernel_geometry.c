@@ -16,30 +16,14 @@
 
 #define SELF_HIT_RAYS 1000000
 
-/* The nearest hits of eight rays between tnear and tfar */
 static i8 intersect_between(const struct kernel_scene *ks, struct vec3x8 o, struct vec3x8 d,
                             float tnear, float tfar, i8 *geometry, i8 *prim, f8 *t)
 {
-    _Alignas(32) int32_t valid[LANES];
-    struct RTCRayHit8 ray;
-    memset(&ray, 0, sizeof(ray));
-    i8_store(valid, I8(-1));
-    f8_store(ray.ray.org_x, o.x);
-    f8_store(ray.ray.org_y, o.y);
-    f8_store(ray.ray.org_z, o.z);
-    f8_store(ray.ray.dir_x, d.x);
-    f8_store(ray.ray.dir_y, d.y);
-    f8_store(ray.ray.dir_z, d.z);
-    f8_store(ray.ray.tnear, F8(tnear));
-    f8_store(ray.ray.tfar, F8(tfar));
-    i8_store(ray.ray.mask, I8(-1));
-    i8_store(ray.hit.geomID, I8(-1));
-    i8_store(ray.hit.instID[0], I8(-1));
-    rtc_intersect8(valid, ks->rtc, &ray);
-    *geometry = i8_load(ray.hit.geomID);
-    *prim = i8_load(ray.hit.primID);
-    *t = f8_load(ray.ray.tfar);
-    return *geometry != -1;
+    struct scenes_hit found = scenes_intersect(ks, o, d, tnear, tfar, F8(0));
+    *geometry = found.geometry;
+    *prim = found.prim;
+    *t = found.t;
+    return found.hit;
 }
 
 static i8 intersect(const struct kernel_scene *ks, struct vec3x8 o, struct vec3x8 d, i8 *geometry,

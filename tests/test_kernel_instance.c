@@ -121,7 +121,7 @@ static void points_and_normals_are_those_of_a_flattened_copy(void **state) /* H1
             struct vec3x8 o, d;
             struct surface8 object;
             aim(&r, m, 0, &o, &d);
-            struct scenes_hit found = scenes_intersect(ks, o, d, F8(0));
+            struct scenes_hit found = scenes_intersect(ks, o, d, 0, INFINITY, F8(0));
             struct surface8 s = surface(ks, &found, o, d, F8(0), &object);
             for (int lane = 0; lane < LANES; lane++) {
                 if (!found.hit[lane])
@@ -195,17 +195,17 @@ static void rays_that_leave_an_instance_do_not_meet_it_again(void **state) /* H1
                 struct vec3x8 o, d, out = random_direction(&r);
                 struct surface8 object;
                 aim(&r, maps[i].m, at, &o, &d);
-                struct scenes_hit found = scenes_intersect(ks, o, d, F8(0));
+                struct scenes_hit found = scenes_intersect(ks, o, d, 0, INFINITY, F8(0));
                 struct surface8 s = surface(ks, &found, o, d, F8(0), &object);
                 f8 side = vec3x8_dot(out, s.ng);
                 struct vec3x8 start = vec3x8_along(s.p, s.ng, f8_mulsign(s.spawn, side));
-                struct scenes_hit next = scenes_intersect(ks, start, out, F8(0));
+                struct scenes_hit next = scenes_intersect(ks, start, out, 0, INFINITY, F8(0));
                 again += (unsigned)__builtin_popcount(
                     i8_bits(found.hit & next.hit & (next.geometry == found.geometry)));
                 total += (unsigned)__builtin_popcount(i8_bits(found.hit));
                 /* Planted: only the rounding in the group's own space */
                 start = vec3x8_along(s.p, s.ng, f8_mulsign(object.spawn, side));
-                next = scenes_intersect(ks, start, out, F8(0));
+                next = scenes_intersect(ks, start, out, 0, INFINITY, F8(0));
                 planted += (unsigned)__builtin_popcount(
                     i8_bits(found.hit & next.hit & (next.geometry == found.geometry)));
             }
@@ -470,7 +470,7 @@ static void rays_of_any_time_find_what_turns(void **state)
             middle.z[lane] = 0;
         }
         struct vec3x8 d = random_direction(&r), o = vec3x8_sub(middle, d);
-        struct scenes_hit found = scenes_intersect(ks, o, d, time);
+        struct scenes_hit found = scenes_intersect(ks, o, d, 0, INFINITY, time);
         if (i8_bits(found.hit) != 255)
             fail_msg("round %d: %x hit", i, i8_bits(found.hit));
         struct surface8 object, s = surface(ks, &found, o, d, time, &object);
@@ -478,7 +478,8 @@ static void rays_of_any_time_find_what_turns(void **state)
         EXPECT_NEAR(radius[i % 8], 0.25, 4e-6);
         struct vec3x8 out = random_direction(&r);
         f8 side = vec3x8_dot(out, s.ng);
-        struct scenes_hit next = scenes_intersect(ks, vec3x8_along(s.p, s.ng, s.spawn), out, time);
+        struct scenes_hit next = scenes_intersect(ks, vec3x8_along(s.p, s.ng, s.spawn), out, 0,
+                                                  INFINITY, time);
         again += (unsigned)__builtin_popcount(i8_bits(next.hit & (side > 0)));
     }
     assert_int_equal(again, 0);

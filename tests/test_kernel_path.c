@@ -39,14 +39,8 @@ static struct scene *room(struct material first, struct material second, uint32_
                           uint32_t height)
 {
     struct scene *scene = scenes_begin(width, height);
-    scene->settings.camera.position[2] = -0.9f;
     uint32_t white = scenes_diffuse(scene, 0.6f);
-    scenes_box(scene, low, high, white, 0);
-    static const float lamp[4][3] = { { -0.3f, 0.95f, -0.3f },
-                                      { 0.3f, 0.95f, -0.3f },
-                                      { 0.3f, 0.95f, 0.3f },
-                                      { -0.3f, 0.95f, 0.3f } };
-    scenes_quad(scene, lamp, white, 4);
+    scenes_room(scene, white, white);
     if (first.kind != MATERIAL_DIFFUSE)
         scenes_quadric(scene, QUADRIC_SPHERE, -0.4f, -0.6f, 0.2f, 0.35f,
                        scenes_material(scene, first), 0);
@@ -190,27 +184,17 @@ static void every_variant_gives_the_bits_of_everything(void **state)
         if (!picture_same(a, b))
             fail_msg("%s and everything give different bits", a->variant);
 
-        /* As do one lane or three instead of eight, and lanes of two halves */
-        for (uint32_t lanes = 1; lanes <= 3; lanes += 2) {
-            struct picture *c = picture_take(scene,
-                                             (struct picture_how){ .samples = 8, .lanes = lanes });
-            if (!picture_same(a, c))
-                fail_msg("%s: %u lanes give different bits", a->variant, lanes);
-            picture_free(c);
-        }
+        picture_expect_any_lanes(scene, a, 8);
         setenv("PATHFARM_LANES", "base", 1);
-        for (uint32_t kernel = 0; kernel < 2; kernel++) {
-            struct picture *c = picture_take(
-                scene, (struct picture_how){ .samples = 8, .kernel = kernel });
-            if (!picture_same(a, c))
-                fail_msg("%s: without AVX2 the bits are different", c->variant);
-            picture_free(c);
-        }
+        struct picture *c = picture_take(scene, (struct picture_how){ .samples = 8, .kernel = 1 });
         unsetenv("PATHFARM_LANES");
+        if (!picture_same(a, c))
+            fail_msg("%s: without AVX2 everything gives different bits", a->variant);
         struct picture *d = picture_take(scene, (struct picture_how){ .samples = 8, .seed = 1 });
         assert_false(picture_same(a, d)); /* the comparison can fail */
         picture_free(a);
         picture_free(b);
+        picture_free(c);
         picture_free(d);
         scene_free(scene);
     }

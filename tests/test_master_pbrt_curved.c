@@ -6,6 +6,7 @@
 #include "common/scene.h"
 #include "master/pbrt.h"
 #include "master/scene_notes.h"
+#include "tests/expect.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -25,13 +26,6 @@
     "Shape \"curve\" \"string type\" \"cylinder\" \"float width\" .01 \"point3 P\" [" #x \
     " 0 0 " #x " 1 0 " #x " 2 1 " #x " 3 2] "
 #define PI 3.14159265358979323846
-
-#define EXPECT_NEAR(got, want, tolerance)                                           \
-    do {                                                                            \
-        double got_ = (double)(got), want_ = (want);                                \
-        if (!(fabs(got_ - want_) <= (tolerance)))                                   \
-            fail_msg("line %d: %s is %.9g, not %.9g", __LINE__, #got, got_, want_); \
-    } while (0)
 
 static struct scene *scene_of(const char *text)
 {

@@ -5,6 +5,7 @@
 #include "common/scene.h"
 #include "master/pbrt.h"
 #include "master/scene_notes.h"
+#include "tests/expect.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -14,13 +15,6 @@
 #include <string.h>
 
 #include <cmocka.h>
-
-#define EXPECT_NEAR(got, want, tolerance)                                           \
-    do {                                                                            \
-        double got_ = (double)(got), want_ = (double)(want);                        \
-        if (!(fabs(got_ - want_) <= (tolerance)))                                   \
-            fail_msg("line %d: %s is %.9g, not %.9g", __LINE__, #got, got_, want_); \
-    } while (0)
 
 #define HAZE "MakeNamedMedium \"haze\" \"string type\" \"homogeneous\" "
 #define DUST "MakeNamedMedium \"dust\" \"string type\" \"homogeneous\" "

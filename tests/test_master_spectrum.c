@@ -3,6 +3,7 @@
 #include "common/hash.h"
 #include "master/coat.h"
 #include "master/spectrum.h"
+#include "tests/dielectric.h"
 #include "tests/expect.h"
 
 #include <math.h>
@@ -146,20 +147,6 @@ static double draw(struct walk *walk)
     return hash64_unit(hash64(walk->seed, walk->draws++));
 }
 
-static double fresnel(double c, double n)
-{
-    double s2 = (1 - c * c) / (n * n);
-    if (s2 >= 1)
-        return 1;
-    double t = sqrt(1 - s2), p = (n * c - t) / (n * c + t), s = (c - n * t) / (c + n * t);
-    return (p * p + s * s) / 2;
-}
-
-static double lambda(double z, double alpha)
-{
-    return (sqrt(1 + alpha * alpha * (1 / (z * z) - 1)) - 1) / 2;
-}
-
 /* One crossing of the interface, the plain way: normals by D cos, not by what is visible, with the
  * weight that makes it right. Goes up from cosine wz with index ratio n (of the far side over the
  * near). Returns the weight; *out is the new cosine, negative when transmitted. */
@@ -173,7 +160,7 @@ static double cross_interface(struct walk *walk, double wz, double n, bool trans
     double c = sqrt(1 - wz * wz) * mx + wz * mz;
     if (c <= 0)
         return 0;
-    double f = fresnel(c, n);
+    double f = dielectric_fresnel(c, n);
     if (transmit) {
         if (f == 1)
             return 0;
@@ -189,7 +176,8 @@ static double cross_interface(struct walk *walk, double wz, double n, bool trans
     if (walk->alpha == 0)
         return f;
     /* D G1(w) c / wz is the density of visible normals, D mz what was drawn from */
-    double g2 = 1 / (1 + lambda(wz, walk->alpha) + lambda(fabs(*out), walk->alpha));
+    double g2 = 1 / (1 + dielectric_lambda(wz, walk->alpha) +
+                     dielectric_lambda(fabs(*out), walk->alpha));
     return f * g2 * c / (wz * mz);
 }
 
@@ -275,7 +263,7 @@ static void a_white_base_under_a_clear_coat_loses_nothing(void **state)
     for (double mu = 0.1; mu < 1; mu += 0.2) {
         double t = table_at(&coat, mu);
         double base = t * mean_of_table(&coat) * PI * coat.scale / (1 - coat.inner);
-        EXPECT_NEAR(base + fresnel(mu, 1.5), 1, 5e-3);
+        EXPECT_NEAR(base + dielectric_fresnel(mu, 1.5), 1, 5e-3);
     }
 }
 

@@ -3,6 +3,7 @@
  * are no surface are refused. */
 #include "common/err.h"
 #include "master/subdivide.h"
+#include "tests/expect.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -13,13 +14,6 @@
 #include <string.h>
 
 #include <cmocka.h>
-
-#define EXPECT_NEAR(got, want, tolerance)                                           \
-    do {                                                                            \
-        double got_ = (double)(got), want_ = (want);                                \
-        if (!(fabs(got_ - want_) <= (tolerance)))                                   \
-            fail_msg("line %d: %s is %.9g, not %.9g", __LINE__, #got, got_, want_); \
-    } while (0)
 
 static struct tessellation start(void)
 {

@@ -4,6 +4,7 @@
 #include "common/err.h"
 #include "master/curve_mesh.h"
 #include "master/tessellate.h"
+#include "tests/expect.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -15,13 +16,6 @@
 #include <cmocka.h>
 
 #define PI 3.14159265358979323846
-
-#define EXPECT_NEAR(got, want, tolerance)                                           \
-    do {                                                                            \
-        double got_ = (double)(got), want_ = (want);                                \
-        if (!(fabs(got_ - want_) <= (tolerance)))                                   \
-            fail_msg("line %d: %s is %.9g, not %.9g", __LINE__, #got, got_, want_); \
-    } while (0)
 
 static struct tessellation start(void)
 {
