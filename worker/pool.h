@@ -26,8 +26,9 @@ struct pool;
 struct pool_job; /* a scene that is ready to be rendered */
 
 /*
- * Start the threads. `wake(context)` is called from a render thread whenever there is something
- * for pool_take; uv_async_send is what it is for. NULL and err on failure.
+ * Start the threads. `wake(context)` is called from a render thread when there is something for
+ * pool_take; uv_async_send is what it is for. It is called for every node while little waits, else
+ * for many at once: pool_take, asked now and then, may have more. NULL and err on failure.
  */
 struct pool *pool_new(unsigned threads, void (*wake)(void *context), void *context,
                       struct err *err);

@@ -277,9 +277,8 @@ static void take_result(struct session *session, struct pool_result *result)
         send_node_failed(session, job, result->lease_id, &result->node, &err);
 }
 
-static void on_finished(uv_async_t *async)
+static void hand_in(struct session *session)
 {
-    struct session *session = async->data;
     struct pool_result result;
     if (session->pool == NULL || session->jobs == NULL)
         return;
@@ -290,6 +289,11 @@ static void on_finished(uv_async_t *async)
     flush(session);
     make_allowance(session);
     check_drained(session);
+}
+
+static void on_finished(uv_async_t *async)
+{
+    hand_in(async->data);
 }
 
 static void on_settled(void *owner, struct job *job)
@@ -319,6 +323,7 @@ static void on_wish(void *owner, const Pathfarm__ObjectWanted *wish)
 static void on_heartbeat(uv_timer_t *timer)
 {
     struct session *session = timer->data;
+    hand_in(session); /* what the pool did not think worth a call yet */
     if (!is_working(session))
         return;
     Pathfarm__Progress progress = PATHFARM__PROGRESS__INIT;
