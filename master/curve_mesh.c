@@ -2,6 +2,7 @@
 
 #include "common/elem.h"
 #include "common/err.h"
+#include "master/vector.h"
 
 #include <math.h>
 #include <string.h>
@@ -13,55 +14,11 @@
 #define SIDES_MOST  64
 #define TWIST       0.1 /* radians that a ribbon's normal turns along one piece */
 
-struct vec {
-    double x, y, z;
-};
-
-static struct vec vec_at(const double *p)
-{
-    return (struct vec){ p[0], p[1], p[2] };
-}
-
-static struct vec add(struct vec a, struct vec b)
-{
-    return (struct vec){ a.x + b.x, a.y + b.y, a.z + b.z };
-}
-
-static struct vec scale(struct vec a, double s)
-{
-    return (struct vec){ a.x * s, a.y * s, a.z * s };
-}
-
-static struct vec sub(struct vec a, struct vec b)
-{
-    return (struct vec){ a.x - b.x, a.y - b.y, a.z - b.z };
-}
-
-static struct vec blend(struct vec a, struct vec b, double t)
-{
-    return add(scale(a, 1 - t), scale(b, t));
-}
-
-static double dot(struct vec a, struct vec b)
-{
-    return a.x * b.x + a.y * b.y + a.z * b.z;
-}
-
-static struct vec cross(struct vec a, struct vec b)
-{
-    return (struct vec){ a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x };
-}
-
-static double length(struct vec a)
-{
-    return sqrt(dot(a, a));
-}
-
 /* Unit, or `otherwise` where there is no direction */
 static struct vec unit(struct vec a, struct vec otherwise)
 {
-    double size = length(a);
-    return size > 0 && isfinite(size) ? scale(a, 1 / size) : otherwise;
+    double size = vec_length(a);
+    return size > 0 && isfinite(size) ? vec_scale(a, 1 / size) : otherwise;
 }
 
 /* --- Segments ----------------------------------------------------------------------------- */
@@ -92,7 +49,7 @@ struct cubic {
 
 static struct cubic raise_degree(struct vec a, struct vec b, struct vec c)
 {
-    return (struct cubic){ { a, blend(a, b, 2.0 / 3), blend(c, b, 2.0 / 3), c } };
+    return (struct cubic){ { a, vec_blend(a, b, 2.0 / 3), vec_blend(c, b, 2.0 / 3), c } };
 }
 
 static struct cubic segment(const struct curve *curve, size_t index)
@@ -105,23 +62,24 @@ static struct cubic segment(const struct curve *curve, size_t index)
         return curve->degree == 2 ? raise_degree(p[0], p[1], p[2])
                                   : (struct cubic){ { p[0], p[1], p[2], p[3] } };
     if (curve->degree == 2)
-        return raise_degree(blend(p[0], p[1], 0.5), p[1], blend(p[1], p[2], 0.5));
-    struct vec a = blend(p[0], p[1], 2.0 / 3), b = blend(p[1], p[2], 1.0 / 3);
-    struct vec c = blend(p[1], p[2], 2.0 / 3), d = blend(p[2], p[3], 1.0 / 3);
-    return (struct cubic){ { blend(a, b, 0.5), b, c, blend(c, d, 0.5) } };
+        return raise_degree(vec_blend(p[0], p[1], 0.5), p[1], vec_blend(p[1], p[2], 0.5));
+    struct vec a = vec_blend(p[0], p[1], 2.0 / 3), b = vec_blend(p[1], p[2], 1.0 / 3);
+    struct vec c = vec_blend(p[1], p[2], 2.0 / 3), d = vec_blend(p[2], p[3], 1.0 / 3);
+    return (struct cubic){ { vec_blend(a, b, 0.5), b, c, vec_blend(c, d, 0.5) } };
 }
 
 static struct vec cubic_at(const struct cubic *cubic, double u, struct vec *tangent)
 {
     const struct vec *p = cubic->p;
-    struct vec ab = blend(p[0], p[1], u), bc = blend(p[1], p[2], u), cd = blend(p[2], p[3], u);
-    struct vec abc = blend(ab, bc, u), bcd = blend(bc, cd, u);
-    *tangent = scale(sub(bcd, abc), 3);
-    if (length(*tangent) == 0) /* control points that coincide: the way to the next */
-        *tangent = u < 0.5 ? sub(p[2], p[0]) : sub(p[3], p[1]);
-    if (length(*tangent) == 0)
-        *tangent = sub(p[3], p[0]);
-    return blend(abc, bcd, u);
+    struct vec ab = vec_blend(p[0], p[1], u), bc = vec_blend(p[1], p[2], u),
+               cd = vec_blend(p[2], p[3], u);
+    struct vec abc = vec_blend(ab, bc, u), bcd = vec_blend(bc, cd, u);
+    *tangent = vec_scale(vec_sub(bcd, abc), 3);
+    if (vec_length(*tangent) == 0) /* control points that coincide: the way to the next */
+        *tangent = u < 0.5 ? vec_sub(p[2], p[0]) : vec_sub(p[3], p[1]);
+    if (vec_length(*tangent) == 0)
+        *tangent = vec_sub(p[3], p[0]);
+    return vec_blend(abc, bcd, u);
 }
 
 /* --- The way along ------------------------------------------------------------------------ */
@@ -142,16 +100,7 @@ struct sweep {
 
 static double size_of(const struct curve *curve)
 {
-    double low[3], high[3], sum = 0;
-    memcpy(low, curve->points, sizeof(low));
-    memcpy(high, curve->points, sizeof(high));
-    for (size_t i = 0; i < 3 * curve->point_count; i++) {
-        low[i % 3] = fmin(low[i % 3], curve->points[i]);
-        high[i % 3] = fmax(high[i % 3], curve->points[i]);
-    }
-    for (int axis = 0; axis < 3; axis++)
-        sum += (high[axis] - low[axis]) * (high[axis] - low[axis]);
-    return sqrt(sum) + fmax(curve->width[0], curve->width[1]);
+    return vec_extent(curve->points, curve->point_count) + fmax(curve->width[0], curve->width[1]);
 }
 
 static double clamp(double value, double low, double high)
@@ -166,15 +115,15 @@ static struct vec normal_at(const struct curve *curve, size_t index)
 
 static double angle_between(struct vec a, struct vec b)
 {
-    return elem_acos(clamp(dot(a, b), -1, 1));
+    return elem_acos(clamp(vec_dot(a, b), -1, 1));
 }
 
 /* A chord is 1/8 of the second derivative and of the square of its length away */
 static unsigned pieces_of(const struct sweep *sweep, const struct cubic *cubic, size_t index)
 {
     const struct vec *p = cubic->p;
-    double bend = fmax(length(add(sub(p[0], p[1]), sub(p[2], p[1]))),
-                       length(add(sub(p[1], p[2]), sub(p[3], p[2]))));
+    double bend = fmax(vec_length(vec_add(vec_sub(p[0], p[1]), vec_sub(p[2], p[1]))),
+                       vec_length(vec_add(vec_sub(p[1], p[2]), vec_sub(p[3], p[2]))));
     double pieces = ceil(sqrt(6 * bend / (8 * TOLERANCE * sweep->size)) - 1e-9);
     if (sweep->curve->ribbon)
         pieces = fmax(pieces, ceil(angle_between(normal_at(sweep->curve, index),
@@ -187,24 +136,24 @@ static struct vec any_across(struct vec t)
 {
     bool small = fabs(t.x) < 0.6;
     struct vec axis = { small, !small, 0 };
-    return unit(cross(t, axis), (struct vec){ 0, 0, 1 });
+    return unit(vec_cross(t, axis), (struct vec){ 0, 0, 1 });
 }
 
 /* Carry a frame on to a place and tangent without turning it about the tangent: two reflections
  * (Wang et al. 2008, Computation of Rotation Minimizing Frames) */
 static struct vec carry(const struct frame *from, struct vec p, struct vec tangent)
 {
-    struct vec step = sub(p, from->p), across = from->across, t = from->tangent;
-    double c = dot(step, step);
+    struct vec step = vec_sub(p, from->p), across = from->across, t = from->tangent;
+    double c = vec_dot(step, step);
     if (c > 0) {
-        across = sub(across, scale(step, 2 * dot(step, across) / c));
-        t = sub(t, scale(step, 2 * dot(step, t) / c));
-        struct vec turn = sub(tangent, t);
-        c = dot(turn, turn);
+        across = vec_sub(across, vec_scale(step, 2 * vec_dot(step, across) / c));
+        t = vec_sub(t, vec_scale(step, 2 * vec_dot(step, t) / c));
+        struct vec turn = vec_sub(tangent, t);
+        c = vec_dot(turn, turn);
         if (c > 0)
-            across = sub(across, scale(turn, 2 * dot(turn, across) / c));
+            across = vec_sub(across, vec_scale(turn, 2 * vec_dot(turn, across) / c));
     }
-    across = sub(across, scale(tangent, dot(tangent, across)));
+    across = vec_sub(across, vec_scale(tangent, vec_dot(tangent, across)));
     return unit(across, any_across(tangent));
 }
 
@@ -214,7 +163,8 @@ static struct vec turn_normal(struct vec a, struct vec b, double u)
     double angle = angle_between(a, b), sine = elem_sin(angle);
     if (sine < 1e-9)
         return u < 0.5 ? a : b;
-    return add(scale(a, elem_sin((1 - u) * angle) / sine), scale(b, elem_sin(u * angle) / sine));
+    return vec_add(vec_scale(a, elem_sin((1 - u) * angle) / sine),
+                   vec_scale(b, elem_sin(u * angle) / sine));
 }
 
 /* --- Cross-sections ----------------------------------------------------------------------- */
@@ -229,10 +179,10 @@ static bool add_vertex(struct tessellation *out, struct vec p, struct vec n, dou
 static bool add_strip(struct tessellation *out, const struct frame *frame, struct vec normal,
                       double width, double u, struct err *err)
 {
-    struct vec side = unit(cross(normal, frame->tangent), any_across(frame->tangent));
-    struct vec up = cross(frame->tangent, side);
-    return add_vertex(out, add(frame->p, scale(side, -width / 2)), up, u, 0, err) &&
-           add_vertex(out, add(frame->p, scale(side, width / 2)), up, u, 1, err);
+    struct vec side = unit(vec_cross(normal, frame->tangent), any_across(frame->tangent));
+    struct vec up = vec_cross(frame->tangent, side);
+    return add_vertex(out, vec_add(frame->p, vec_scale(side, -width / 2)), up, u, 0, err) &&
+           add_vertex(out, vec_add(frame->p, vec_scale(side, width / 2)), up, u, 1, err);
 }
 
 /* A polygon as long around as the circle, so that its mean width is the circle's, too; `taper` is
@@ -241,13 +191,15 @@ static bool add_ring(struct tessellation *out, const struct frame *frame, unsign
                      double radius, double taper, double u, struct err *err)
 {
     double half = PI / sides;
-    struct vec other = cross(frame->across, frame->tangent);
+    struct vec other = vec_cross(frame->across, frame->tangent);
     radius *= half / elem_sin(half);
     for (unsigned i = 0; i <= sides; i++) {
         double angle = 2 * half * (i % sides);
-        struct vec way = add(scale(frame->across, elem_cos(angle)), scale(other, elem_sin(angle)));
-        struct vec normal = unit(sub(way, scale(frame->tangent, taper)), way);
-        if (!add_vertex(out, add(frame->p, scale(way, radius)), normal, u, (double)i / sides, err))
+        struct vec way = vec_add(vec_scale(frame->across, elem_cos(angle)),
+                                 vec_scale(other, elem_sin(angle)));
+        struct vec normal = unit(vec_sub(way, vec_scale(frame->tangent, taper)), way);
+        if (!add_vertex(out, vec_add(frame->p, vec_scale(way, radius)), normal, u,
+                        (double)i / sides, err))
             return false;
     }
     return true;
@@ -284,7 +236,7 @@ static struct vec tangent_at(const struct sweep *sweep, size_t index, const stru
         return mine;
     struct cubic neighbour = segment(sweep->curve, u > 0 ? index + 1 : index - 1);
     cubic_at(&neighbour, u > 0 ? 0 : 1, &other);
-    return unit(add(mine, unit(other, mine)), mine);
+    return unit(vec_add(mine, unit(other, mine)), mine);
 }
 
 static bool add_segment(struct tessellation *out, struct sweep *sweep, size_t index,
@@ -314,7 +266,7 @@ static bool add_segment(struct tessellation *out, struct sweep *sweep, size_t in
             struct vec tangent;
             cubic_at(&cubic, u, &tangent);
             double taper = (curve->width[1] - curve->width[0]) / 2 / (double)sweep->segments /
-                           length(tangent);
+                           vec_length(tangent);
             added = add_ring(out, &frame, count - 1, width / 2, isfinite(taper) ? taper : 0, u,
                              err);
         }

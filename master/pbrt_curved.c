@@ -4,8 +4,8 @@
 #include "master/pbrt_reader.h"
 #include "master/subdivide.h"
 #include "master/tessellate.h"
+#include "master/vector.h"
 
-#include <float.h>
 #include <math.h>
 #include <string.h>
 
@@ -82,19 +82,14 @@ static double area_of(const struct tessellation *shape, const struct transform *
     const uint32_t *t = shape->triangles.data;
     double sum = 0;
     for (size_t i = 0; i < shape->triangles.count; i++, t += 3) {
-        double p[3][3], n[3];
-        for (int corner = 0; corner < 3; corner++)
+        struct vec p[3];
+        for (int corner = 0; corner < 3; corner++) {
+            double at[3];
             transform_point(to_world, (const double *)shape->positions.data + 3 * (size_t)t[corner],
-                            p[corner]);
-        for (int axis = 0; axis < 3; axis++) {
-            p[1][axis] -= p[0][axis];
-            p[2][axis] -= p[0][axis];
+                            at);
+            p[corner] = vec_at(at);
         }
-        for (int axis = 0; axis < 3; axis++) {
-            int j = (axis + 1) % 3, k = (axis + 2) % 3;
-            n[axis] = p[1][j] * p[2][k] - p[1][k] * p[2][j];
-        }
-        sum += sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]) / 2;
+        sum += vec_length(vec_cross(vec_sub(p[1], p[0]), vec_sub(p[2], p[0]))) / 2;
     }
     return sum;
 }
@@ -268,19 +263,6 @@ static struct tessellate_patch patch_of(const struct bilinear *mesh, size_t inde
     return patch;
 }
 
-static double diagonal(const double *p, size_t count)
-{
-    double low[3] = { DBL_MAX, DBL_MAX, DBL_MAX }, high[3] = { -DBL_MAX, -DBL_MAX, -DBL_MAX };
-    double sum = 0;
-    for (size_t i = 0; i < 3 * count; i++) {
-        low[i % 3] = fmin(low[i % 3], p[i]);
-        high[i % 3] = fmax(high[i % 3], p[i]);
-    }
-    for (int axis = 0; axis < 3; axis++)
-        sum += (high[axis] - low[axis]) * (high[axis] - low[axis]);
-    return sqrt(sum);
-}
-
 bool pbrt_curved_bilinear(struct pbrt_reader *reader, const struct build_place *place)
 {
     struct bilinear mesh;
@@ -293,7 +275,7 @@ bool pbrt_curved_bilinear(struct pbrt_reader *reader, const struct build_place *
         struct tessellate_patch patch = patch_of(&mesh, i);
         flat = tessellate_patch_is_flat(&patch);
     }
-    double tolerance = diagonal(mesh.p, mesh.points) / PATCH_SHARE;
+    double tolerance = vec_extent(mesh.p, mesh.points) / PATCH_SHARE;
     start(reader, place, &shape);
     bool made = true;
     for (size_t i = 0; made && i < mesh.patches; i++) {

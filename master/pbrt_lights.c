@@ -5,6 +5,7 @@
 #include "master/pbrt_color.h"
 #include "master/pbrt_environments.h"
 #include "master/pbrt_reader.h"
+#include "master/vector.h"
 
 #include <math.h>
 #include <string.h>
@@ -74,16 +75,14 @@ static void read_direction(struct pbrt_params *params, const struct transform *c
     for (int i = 0; i < 3; i++)
         way[i] = to[i] - from[i];
     transform_vector(ctm, way, way);
-    double largest = fmax(fabs(way[0]), fmax(fabs(way[1]), fabs(way[2])));
-    if (!(largest > 0) || !isfinite(largest)) {
+    struct vec unit;
+    if (!vec_unit(vec_at(way), &unit)) {
         pbrt_params_fail(params, NULL, "\"from\" and \"to\" of a light are the same point");
         return;
     }
-    for (int i = 0; i < 3; i++)
-        way[i] /= largest;
-    double length = sqrt(way[0] * way[0] + way[1] * way[1] + way[2] * way[2]);
-    for (int i = 0; i < 3; i++)
-        direction[i] = (float)(way[i] / length);
+    direction[0] = (float)unit.x;
+    direction[1] = (float)unit.y;
+    direction[2] = (float)unit.z;
 }
 
 static bool add_sky(struct pbrt_reader *reader, const double rgb[3])
@@ -94,15 +93,9 @@ static bool add_sky(struct pbrt_reader *reader, const double rgb[3])
     return true;
 }
 
-static double cosine(const double a[3], const double b[3])
+static double cosine(struct vec a, struct vec b)
 {
-    double ab = 0, a2 = 0, b2 = 0;
-    for (int i = 0; i < 3; i++) {
-        ab += a[i] * b[i];
-        a2 += a[i] * a[i];
-        b2 += b[i] * b[i];
-    }
-    return ab / sqrt(a2 * b2);
+    return vec_dot(a, b) / sqrt(vec_dot(a, a) * vec_dot(b, b));
 }
 
 /* The rectangle that the light comes through, in world space whatever the current transform is. As
@@ -120,11 +113,10 @@ static void read_portal(struct pbrt_params *params, bool pictured, struct build_
                                   : "a portal wants \"string filename\"");
         return;
     }
-    double edge[4][3];
+    struct vec edge[4];
     memcpy(built->portal, points, sizeof(built->portal));
     for (int i = 0; i < 4; i++)
-        for (int axis = 0; axis < 3; axis++)
-            edge[i][axis] = built->portal[(i + 1) % 4][axis] - built->portal[i][axis];
+        edge[i] = vec_sub(vec_at(built->portal[(i + 1) % 4]), vec_at(built->portal[i]));
     bool good = true;
     for (int i = 0; i < 4; i++)
         good = good && fabs(cosine(edge[i], edge[(i + 1) % 4])) <= 1e-3;

@@ -3,6 +3,7 @@
 #include "common/err.h"
 #include "common/scene.h"
 #include "master/scene_emission.h"
+#include "master/vector.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -48,30 +49,6 @@ static struct light *add_light(struct light_arrays *arrays, const struct light *
 }
 
 /* --- Meshes ------------------------------------------------------------------------------- */
-
-struct vec {
-    double x, y, z;
-};
-
-static struct vec sub(struct vec a, struct vec b)
-{
-    return (struct vec){ a.x - b.x, a.y - b.y, a.z - b.z };
-}
-
-static double dot(struct vec a, struct vec b)
-{
-    return a.x * b.x + a.y * b.y + a.z * b.z;
-}
-
-static struct vec cross(struct vec a, struct vec b)
-{
-    return (struct vec){ a.y * b.z - a.z * b.y, a.z * b.x - a.x * b.z, a.x * b.y - a.y * b.x };
-}
-
-static double length(struct vec a)
-{
-    return sqrt(dot(a, a));
-}
 
 /* The emitting triangles of a mesh. Vertices at the same place have the same number here, so that
  * triangles are neighbours even where the file repeats their corners. */
@@ -184,9 +161,9 @@ struct polygon {
 static bool turns_left(const struct patch *patch, const struct polygon *polygon, uint32_t a,
                        uint32_t b, uint32_t c)
 {
-    struct vec ab = sub(vertex(patch, b), vertex(patch, a));
-    struct vec bc = sub(vertex(patch, c), vertex(patch, b));
-    return dot(polygon->normal, cross(ab, bc)) > 1e-5 * length(ab) * length(bc);
+    struct vec ab = vec_sub(vertex(patch, b), vertex(patch, a));
+    struct vec bc = vec_sub(vertex(patch, c), vertex(patch, b));
+    return vec_dot(polygon->normal, vec_cross(ab, bc)) > 1e-5 * vec_length(ab) * vec_length(bc);
 }
 
 /* Can corner `added` go between corners i and i + 1, and the whole be convex and flat? */
@@ -196,8 +173,8 @@ static bool fits(const struct patch *patch, const struct polygon *polygon, uint3
     uint32_t n = polygon->count;
     uint32_t before = polygon->corners[(i + n - 1) % n], a = polygon->corners[i];
     uint32_t b = polygon->corners[(i + 1) % n], after = polygon->corners[(i + 2) % n];
-    struct vec out = sub(vertex(patch, added), vertex(patch, polygon->corners[0]));
-    return fabs(dot(out, polygon->normal)) <= polygon->flatness &&
+    struct vec out = vec_sub(vertex(patch, added), vertex(patch, polygon->corners[0]));
+    return fabs(vec_dot(out, polygon->normal)) <= polygon->flatness &&
            turns_left(patch, polygon, before, a, added) &&
            turns_left(patch, polygon, a, added, b) && turns_left(patch, polygon, added, b, after);
 }
@@ -207,8 +184,8 @@ static double triangle_area(const struct patch *patch, uint32_t triangle, struct
     struct vec p[3];
     for (unsigned i = 0; i < 3; i++)
         p[i] = vertex(patch, patch->corners[3 * (size_t)triangle + i]);
-    struct vec n = cross(sub(p[1], p[0]), sub(p[2], p[0]));
-    double twice = length(n);
+    struct vec n = vec_cross(vec_sub(p[1], p[0]), vec_sub(p[2], p[0]));
+    double twice = vec_length(n);
     *normal = (struct vec){ n.x / twice, n.y / twice, n.z / twice };
     return twice / 2;
 }
@@ -253,7 +230,7 @@ static bool grow_polygon(struct patch *patch, const struct emitter *emitter, uin
             float other[3];
             if (!radiance_of(emitter, area, other, err))
                 return false;
-            if (!same_colour(radiance, other) || dot(normal, polygon->normal) < 0.5 ||
+            if (!same_colour(radiance, other) || vec_dot(normal, polygon->normal) < 0.5 ||
                 !fits(patch, polygon, i, added))
                 continue;
             memmove(polygon->corners + i + 2, polygon->corners + i + 1,
@@ -459,11 +436,10 @@ bool scene_lights_add_quadric(struct scene *scene, uint32_t index, const struct 
 bool scene_lights_add_portal(struct light *sky, const double corners[4][3],
                              struct light_arrays *arrays, struct err *err)
 {
-    struct vec p[4];
-    for (int i = 0; i < 4; i++)
-        p[i] = (struct vec){ corners[i][0], corners[i][1], corners[i][2] };
-    struct vec n = cross(sub(p[1], p[0]), sub(p[3], p[0]));
-    double area = length(n);
+    struct vec corner = vec_at(corners[0]);
+    struct vec n = vec_cross(vec_sub(vec_at(corners[1]), corner),
+                             vec_sub(vec_at(corners[3]), corner));
+    double area = vec_length(n);
     sky->first_corner = (uint32_t)arrays->corners.count;
     sky->corner_count = 4;
     sky->area = (float)area;

@@ -2,6 +2,7 @@
 
 #include "common/elem.h"
 #include "common/err.h"
+#include "master/vector.h"
 
 #include <math.h>
 #include <string.h>
@@ -211,47 +212,29 @@ bool tessellate_disk(struct tessellation *out, const struct tessellate_round *sh
 /* --- Bilinear patches --------------------------------------------------------------------- */
 
 /* What the fourth corner lacks to a parallelogram */
-static void twist_of(const struct tessellate_patch *patch, double twist[3])
+static struct vec twist_of(const struct tessellate_patch *patch)
 {
-    for (int axis = 0; axis < 3; axis++)
-        twist[axis] = (patch->p[0][axis] - patch->p[1][axis]) -
-                      (patch->p[2][axis] - patch->p[3][axis]);
-}
-
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
-static double length(const double a[3])
-{
-    return sqrt(a[0] * a[0] + a[1] * a[1] + a[2] * a[2]);
+    return vec_sub(vec_sub(vec_at(patch->p[0]), vec_at(patch->p[1])),
+                   vec_sub(vec_at(patch->p[2]), vec_at(patch->p[3])));
 }
 
 /* dp/du x dp/dv, not normalised */
-static void patch_cross(const struct tessellate_patch *patch, double u, double v, double out[3])
+static struct vec patch_cross(const struct tessellate_patch *patch, double u, double v)
 {
-    double du[3], dv[3];
-    for (int axis = 0; axis < 3; axis++) {
-        const double a = patch->p[0][axis], b = patch->p[1][axis];
-        const double c = patch->p[2][axis], d = patch->p[3][axis];
-        du[axis] = (1 - v) * (b - a) + v * (d - c);
-        dv[axis] = (1 - u) * (c - a) + u * (d - b);
-    }
-    cross(du, dv, out);
+    struct vec a = vec_at(patch->p[0]), b = vec_at(patch->p[1]);
+    struct vec c = vec_at(patch->p[2]), d = vec_at(patch->p[3]);
+    return vec_cross(vec_blend(vec_sub(b, a), vec_sub(d, c), v),
+                     vec_blend(vec_sub(c, a), vec_sub(d, b), u));
 }
 
 bool tessellate_patch_is_flat(const struct tessellate_patch *patch)
 {
-    double twist[3], n[3], size = 0;
-    twist_of(patch, twist);
-    patch_cross(patch, 0.5, 0.5, n);
+    struct vec n = patch_cross(patch, 0.5, 0.5);
+    double size = 0;
     for (int i = 0; i < 12; i++)
         size = fmax(size, fabs(patch->p[i / 3][i % 3]));
-    double out = fabs(twist[0] * n[0] + twist[1] * n[1] + twist[2] * n[2]);
-    return out <= 1e-6 * size * length(n); /* of numbers written with seven digits */
+    double out = fabs(vec_dot(twist_of(patch), n));
+    return out <= 1e-6 * size * vec_length(n); /* of numbers written with seven digits */
 }
 
 static double blend(double a, double b, double c, double d, double u, double v)
@@ -275,11 +258,12 @@ static void patch_at(const struct grid *grid, uint32_t i, uint32_t j, struct poi
         out->n[axis] = blend(patch->n[0][axis], patch->n[1][axis], patch->n[2][axis],
                              patch->n[3][axis], u, v);
     if (!patch->has_normals) {
-        patch_cross(patch, u, v, out->n);
-        if (length(out->n) == 0) /* at a corner with an edge of no length: that beside it */
-            patch_cross(patch, u + 1e-3 * (0.5 - u), v + 1e-3 * (0.5 - v), out->n);
+        struct vec n = patch_cross(patch, u, v);
+        if (vec_length(n) == 0) /* at a corner with an edge of no length: that beside it */
+            n = patch_cross(patch, u + 1e-3 * (0.5 - u), v + 1e-3 * (0.5 - v));
+        memcpy(out->n, (double[3]){ n.x, n.y, n.z }, sizeof(out->n));
     }
-    double size = length(out->n);
+    double size = vec_length(vec_at(out->n));
     for (int axis = 0; axis < 3; axis++)
         out->n[axis] = size > 0 && isfinite(size) ? out->n[axis] / size : 0;
 }
@@ -288,9 +272,7 @@ bool tessellate_patch(struct tessellation *out, const struct tessellate_patch *p
                       double tolerance, bool flat, struct err *err)
 {
     /* A quarter of the twist is what the middle of one cell is away from both triangles */
-    double twist[3];
-    twist_of(patch, twist);
-    double cells = ceil(sqrt(length(twist) / (4 * tolerance)) - 1e-9);
+    double cells = ceil(sqrt(vec_length(twist_of(patch)) / (4 * tolerance)) - 1e-9);
     uint32_t n = !(cells > 1)                    ? 1
                  : cells < TESSELLATE_PATCH_MOST ? (uint32_t)cells
                                                  : TESSELLATE_PATCH_MOST;

@@ -1,6 +1,7 @@
 #include "master/transform.h"
 
 #include "common/elem.h"
+#include "master/vector.h"
 
 #include <math.h>
 #include <string.h>
@@ -30,37 +31,16 @@ struct transform transform_mul(const struct transform *a, const struct transform
     return product;
 }
 
-static void cross(const double a[3], const double b[3], double out[3])
-{
-    out[0] = a[1] * b[2] - a[2] * b[1];
-    out[1] = a[2] * b[0] - a[0] * b[2];
-    out[2] = a[0] * b[1] - a[1] * b[0];
-}
-
-/* Scale to length 1, exactly enough for tiny and huge vectors; false for zero */
-static bool unit(const double v[3], double out[3])
-{
-    double largest = fmax(fabs(v[0]), fmax(fabs(v[1]), fabs(v[2])));
-    if (!(largest > 0) || !isfinite(largest))
-        return false;
-    double x = v[0] / largest, y = v[1] / largest, z = v[2] / largest;
-    double length = sqrt(x * x + y * y + z * z);
-    out[0] = x / length;
-    out[1] = y / length;
-    out[2] = z / length;
-    return true;
-}
-
 bool transform_rotate(double angle, const double axis[3], struct transform *out)
 {
-    double a[3];
-    if (!unit(axis, a) || !(fabs(angle) < 1e6))
+    struct vec a;
+    if (!vec_unit(vec_at(axis), &a) || !(fabs(angle) < 1e6))
         return false;
     double s = elem_sin(angle), c = elem_cos(angle), t = 1 - c;
     *out = (struct transform){
-        { { a[0] * a[0] * t + c, a[0] * a[1] * t - a[2] * s, a[0] * a[2] * t + a[1] * s, 0 },
-          { a[0] * a[1] * t + a[2] * s, a[1] * a[1] * t + c, a[1] * a[2] * t - a[0] * s, 0 },
-          { a[0] * a[2] * t - a[1] * s, a[1] * a[2] * t + a[0] * s, a[2] * a[2] * t + c, 0 },
+        { { a.x * a.x * t + c, a.x * a.y * t - a.z * s, a.x * a.z * t + a.y * s, 0 },
+          { a.x * a.y * t + a.z * s, a.y * a.y * t + c, a.y * a.z * t - a.x * s, 0 },
+          { a.x * a.z * t - a.y * s, a.y * a.z * t + a.x * s, a.z * a.z * t + c, 0 },
           { 0, 0, 0, 1 } }
     };
     return true;
@@ -69,18 +49,16 @@ bool transform_rotate(double angle, const double axis[3], struct transform *out)
 bool transform_look_at(const double eye[3], const double at[3], const double up[3],
                        struct transform *out)
 {
-    double forward[3], right[3], new_up[3];
-    const double way[3] = { at[0] - eye[0], at[1] - eye[1], at[2] - eye[2] };
-    if (!unit(way, forward) || !unit(up, new_up))
+    struct vec forward, right, new_up;
+    if (!vec_unit(vec_sub(vec_at(at), vec_at(eye)), &forward) || !vec_unit(vec_at(up), &new_up))
         return false;
-    cross(new_up, forward, right);
-    if (sqrt(right[0] * right[0] + right[1] * right[1] + right[2] * right[2]) < 1e-9 ||
-        !unit(right, right))
+    right = vec_cross(new_up, forward);
+    if (vec_length(right) < 1e-9 || !vec_unit(right, &right))
         return false;
-    cross(forward, right, new_up);
-    struct transform world_from_camera = { { { right[0], new_up[0], forward[0], eye[0] },
-                                             { right[1], new_up[1], forward[1], eye[1] },
-                                             { right[2], new_up[2], forward[2], eye[2] },
+    new_up = vec_cross(forward, right);
+    struct transform world_from_camera = { { { right.x, new_up.x, forward.x, eye[0] },
+                                             { right.y, new_up.y, forward.y, eye[1] },
+                                             { right.z, new_up.z, forward.z, eye[2] },
                                              { 0, 0, 0, 1 } } };
     return transform_invert(&world_from_camera, out);
 }
@@ -130,9 +108,7 @@ bool transform_is_affine(const struct transform *a)
 
 double transform_det3(const struct transform *a)
 {
-    double minor[3];
-    cross(a->m[1], a->m[2], minor);
-    return a->m[0][0] * minor[0] + a->m[0][1] * minor[1] + a->m[0][2] * minor[2];
+    return vec_dot(vec_at(a->m[0]), vec_cross(vec_at(a->m[1]), vec_at(a->m[2])));
 }
 
 double transform_similarity(const struct transform *a)

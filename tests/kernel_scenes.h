@@ -191,6 +191,104 @@ static inline void scenes_sky(struct scene *scene, float L)
     scene->settings.sky_light = scenes_light(scene, (struct light){ .kind = LIGHT_SKY });
 }
 
+/* ---- textures and pictures */
+
+#define SCENES_POINT_MAP                   \
+    {                                      \
+        1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0 \
+    }
+#define SCENES_UV_MAP    \
+    {                    \
+        1, 0, 0, 0, 1, 0 \
+    }
+
+static inline uint32_t scenes_texture(struct scene *scene, struct texture texture)
+{
+    scene->textures[scene->texture_count] = texture;
+    return scene->texture_count++;
+}
+
+static inline struct texture texture_constant(float r, float g, float b)
+{
+    return (struct texture){ .kind = TEXTURE_CONSTANT, .value = { { r, g, b } } };
+}
+
+static inline struct texture texture_image(uint32_t picture, uint32_t wrap)
+{
+    return (struct texture){ .kind = TEXTURE_IMAGE,
+                             .map = SCENES_UV_MAP,
+                             .picture = picture,
+                             .wrap = { wrap, wrap },
+                             .channel = SCENE_NONE,
+                             .scale = 1 };
+}
+
+static inline struct texture texture_of_point(uint32_t kind)
+{
+    return (struct texture){ .kind = kind,
+                             .mapping = MAPPING_POINT,
+                             .map = SCENES_POINT_MAP,
+                             .octaves = 6,
+                             .omega = 0.5f,
+                             .scale = 1,
+                             .variation = 0.2f };
+}
+
+/* A picture whose texels, the largest level first, are the caller's to fill before the next one is
+ * added */
+static inline void *scenes_picture(struct scene *scene, uint32_t width, uint32_t height,
+                                   uint32_t channels, uint32_t levels, uint32_t texel,
+                                   uint32_t *index)
+{
+    static const size_t sizes[] = { 1, 1, 2, 4 };
+    size_t bytes = 0, first = scene->texel_block_count;
+    for (uint32_t l = 0; l < levels; l++) {
+        size_t w = width >> l ? width >> l : 1, h = height >> l ? height >> l : 1;
+        bytes += w * h * channels * sizes[texel];
+    }
+    size_t blocks = first + (bytes + TEXEL_BLOCK - 1) / TEXEL_BLOCK;
+    if (blocks > SCENES_CAPACITY) {
+        uint8_t *texels = arena_alloc(scene->arena, blocks, TEXEL_BLOCK);
+        if (texels == NULL)
+            abort();
+        memcpy(texels, scene->texels, first * TEXEL_BLOCK);
+        scene->texels = texels;
+    }
+    *index = scene->picture_count;
+    scene->pictures[scene->picture_count++] = (struct scene_picture){
+        .first_block = (uint32_t)first,
+        .width = width,
+        .height = height,
+        .channels = channels,
+        .levels = levels,
+        .texel = texel
+    };
+    scene->texel_block_count = (uint32_t)blocks;
+    return scene->texels + first * TEXEL_BLOCK;
+}
+
+/* A quad with corners a, a + e1, a + e1 + e2, a + e2 that have uv (0,0), (1,0), (1,1), (0,1) */
+static inline struct mesh *scenes_quad_with_uv(struct scene *scene, const float a[3],
+                                               const float e1[3], const float e2[3],
+                                               uint32_t material)
+{
+    static const float uvs[8] = { 0, 0, 1, 0, 1, 1, 0, 1 };
+    float corners[4][3];
+    for (int axis = 0; axis < 3; axis++) {
+        corners[0][axis] = a[axis];
+        corners[1][axis] = a[axis] + e1[axis];
+        corners[2][axis] = a[axis] + e1[axis] + e2[axis];
+        corners[3][axis] = a[axis] + e2[axis];
+    }
+    uint32_t index = scenes_polygon(scene, (const float(*)[3])corners, 4, material, 0);
+    struct mesh *mesh = &scene->meshes[index];
+    mesh->flags |= MESH_UVS;
+    mesh->uv_shift = scene->uv_count - mesh->first_vertex;
+    memcpy(scene->uvs + 2 * (size_t)scene->uv_count, uvs, sizeof(uvs));
+    scene->uv_count += 4;
+    return mesh;
+}
+
 /* ---- groups, instances, motion */
 
 /* Row-major inverse of the affine map, in double */
@@ -422,6 +520,15 @@ static inline bool picture_same(const struct picture *a, const struct picture *b
 {
     return a->width == b->width && a->height == b->height &&
            memcmp(a->rgb, b->rgb, (size_t)a->width * a->height * 3 * sizeof(float)) == 0;
+}
+
+/* Two pictures are the same; and they are not needed any more */
+static inline void picture_expect_same(struct picture *a, struct picture *b)
+{
+    if (!picture_same(a, b))
+        fail_msg("%s and %s give different bits", a->variant, b->variant);
+    picture_free(a);
+    picture_free(b);
 }
 
 /* One lane or three instead of eight, and lanes of two halves, give the bits of `want` */

@@ -29,38 +29,21 @@ typedef double texel_function(uint32_t x, uint32_t y);
 static uint32_t add_picture(struct scene *scene, uint32_t width, uint32_t height,
                             texel_function *value)
 {
-    float *out = (float *)(void *)(scene->texels + (size_t)scene->texel_block_count * TEXEL_BLOCK);
+    uint32_t index;
+    float *out = scenes_picture(scene, width, height, 1, 1, TEXEL_FLOAT, &index);
     for (uint32_t y = 0; y < height; y++)
         for (uint32_t x = 0; x < width; x++)
             *out++ = (float)value(x, y);
-    scene->pictures[scene->picture_count] = (struct scene_picture){
-        .first_block = scene->texel_block_count,
-        .width = width,
-        .height = height,
-        .channels = 1,
-        .levels = 1,
-        .texel = TEXEL_FLOAT,
-    };
-    scene->texel_block_count += (width * height * 4 + TEXEL_BLOCK - 1) / TEXEL_BLOCK;
-    assert_true(scene->texel_block_count <= SCENES_CAPACITY);
-    return scene->picture_count++;
+    return index;
 }
 
 /* 1 + its index */
 static uint32_t add_texture(struct scene *scene, uint32_t width, uint32_t height,
                             texel_function *value, uint32_t flags)
 {
-    scene->textures[scene->texture_count] = (struct texture){
-        .kind = TEXTURE_IMAGE,
-        .flags = flags,
-        .mapping = MAPPING_UV,
-        .map = { [0] = 1, [4] = 1 },
-        .picture = add_picture(scene, width, height, value),
-        .wrap = { WRAP_CLAMP, WRAP_CLAMP },
-        .channel = SCENE_NONE,
-        .scale = 1,
-    };
-    return ++scene->texture_count;
+    struct texture texture = texture_image(add_picture(scene, width, height, value), WRAP_CLAMP);
+    texture.flags = flags;
+    return 1 + scenes_texture(scene, texture);
 }
 
 static double noise(uint32_t x, uint32_t y)

@@ -27,29 +27,16 @@ typedef double picture_function(uint32_t x, uint32_t y, const double w[3]);
 static uint32_t add_environment(struct scene *scene, uint32_t kind, uint32_t layout, uint32_t width,
                                 uint32_t height, const float to_light[9], picture_function *value)
 {
-    uint32_t blocks = (width * height * 4 + TEXEL_BLOCK - 1) / TEXEL_BLOCK;
-    uint8_t *texels = arena_alloc(scene->arena, scene->texel_block_count + blocks, TEXEL_BLOCK);
-    assert_non_null(texels);
-    memcpy(texels, scene->texels, (size_t)scene->texel_block_count * TEXEL_BLOCK);
-    float *out = (float *)(void *)(texels + (size_t)scene->texel_block_count * TEXEL_BLOCK);
+    uint32_t picture;
+    float *out = scenes_picture(scene, width, height, 1, 1, TEXEL_FLOAT, &picture);
     for (uint32_t y = 0; y < height; y++)
         for (uint32_t x = 0; x < width; x++) {
             double w[3];
             direction_map_direction(layout, (x + 0.5) / width, (y + 0.5) / height, w);
             *out++ = (float)value(x, y, w);
         }
-    scene->pictures[scene->picture_count] = (struct scene_picture){
-        .first_block = scene->texel_block_count,
-        .width = width,
-        .height = height,
-        .channels = 1,
-        .levels = 1,
-        .texel = TEXEL_FLOAT,
-    };
-    scene->texels = texels;
-    scene->texel_block_count += blocks;
     struct environment *environment = &scene->environments[scene->environment_count];
-    *environment = (struct environment){ .picture = scene->picture_count++,
+    *environment = (struct environment){ .picture = picture,
                                          .layout = layout,
                                          .scale = { 1, 1, 1 } };
     memcpy(environment->to_light, to_light, sizeof(environment->to_light));

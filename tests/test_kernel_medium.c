@@ -825,9 +825,7 @@ static void a_medium_that_nothing_is_in_changes_no_bit(void **state)
         pictures[unused] = picture_take(scene, (struct picture_how){ .samples = 8, .kernel = 1 });
         scene_free(scene);
     }
-    assert_true(picture_same(pictures[0], pictures[1]));
-    picture_free(pictures[0]);
-    picture_free(pictures[1]);
+    picture_expect_same(pictures[0], pictures[1]);
 }
 
 int main(void)

@@ -1,7 +1,7 @@
 /*
- * Textures: every kind and mapping against closed forms or a slow computation in double, what they
- * make of materials and normals, and pictures of textured, bumpy and partly absent surfaces. H
- * numbers are those of the numerics notes, section 2. Runs for a few seconds.
+ * Textures: every kind and mapping against closed forms or a slow computation in double, and what
+ * they make of materials, normals and the coordinates of shapes. Pictures of what has textures are
+ * test_kernel_textured's. H numbers are those of the numerics notes, section 2.
  */
 #include "tests/chi2.h"
 #include "tests/kernel_scenes.h"
@@ -19,77 +19,14 @@
     {               \
         1, 1, 1, 1  \
     }
-#define IDENTITY_POINT_MAP                 \
-    {                                      \
-        1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0 \
-    }
-#define IDENTITY_UV_MAP  \
-    {                    \
-        1, 0, 0, 0, 1, 0 \
-    }
 
 /* ---- scenes of textures */
-
-static uint32_t texture_add(struct scene *scene, struct texture texture)
-{
-    scene->textures[scene->texture_count] = texture;
-    return scene->texture_count++;
-}
-
-static struct texture constant(float r, float g, float b)
-{
-    return (struct texture){ .kind = TEXTURE_CONSTANT, .value = { { r, g, b } } };
-}
-
-static struct texture image(uint32_t picture, uint32_t wrap)
-{
-    return (struct texture){ .kind = TEXTURE_IMAGE,
-                             .map = IDENTITY_UV_MAP,
-                             .picture = picture,
-                             .wrap = { wrap, wrap },
-                             .channel = SCENE_NONE,
-                             .scale = 1 };
-}
-
-static struct texture of_point(uint32_t kind)
-{
-    return (struct texture){ .kind = kind,
-                             .mapping = MAPPING_POINT,
-                             .map = IDENTITY_POINT_MAP,
-                             .octaves = 6,
-                             .omega = 0.5f,
-                             .scale = 1,
-                             .variation = 0.2f };
-}
-
-/* A picture whose texels are the caller's to fill; NULL-free: tests are small */
-static uint8_t *picture_add(struct scene *scene, uint32_t width, uint32_t height, uint32_t channels,
-                            uint32_t levels, uint32_t texel, uint32_t *index)
-{
-    static const size_t sizes[] = { 1, 1, 2, 4 };
-    size_t bytes = 0;
-    for (uint32_t l = 0; l < levels; l++) {
-        size_t w = width >> l ? width >> l : 1, h = height >> l ? height >> l : 1;
-        bytes += w * h * channels * sizes[texel];
-    }
-    *index = scene->picture_count;
-    uint32_t first = scene->texel_block_count;
-    scene->pictures[scene->picture_count++] = (struct scene_picture){ .first_block = first,
-                                                                      .width = width,
-                                                                      .height = height,
-                                                                      .channels = channels,
-                                                                      .levels = levels,
-                                                                      .texel = texel };
-    scene->texel_block_count += (uint32_t)((bytes + TEXEL_BLOCK - 1) / TEXEL_BLOCK);
-    assert_true(scene->texel_block_count <= SCENES_CAPACITY);
-    return scene->texels + (size_t)first * TEXEL_BLOCK;
-}
 
 /* One value per level, so that what is read says which levels it came from */
 static uint32_t picture_of_level_numbers(struct scene *scene, uint32_t size, uint32_t levels)
 {
     uint32_t index;
-    float *texel = (float *)(void *)picture_add(scene, size, size, 1, levels, TEXEL_FLOAT, &index);
+    float *texel = scenes_picture(scene, size, size, 1, levels, TEXEL_FLOAT, &index);
     for (uint32_t l = 0; l < levels; l++)
         for (uint32_t i = 0; i < (size >> l) * (size >> l); i++)
             *texel++ = (float)l;
@@ -131,7 +68,7 @@ static struct texture_point at_p(double x, double y, double z)
 static float value_at(struct texture texture, const struct texture_point *point)
 {
     struct scene *scene = scenes_begin(1, 1);
-    texture_add(scene, texture);
+    scenes_texture(scene, texture);
     struct texture_set *set = set_of(scene);
     float rgb[3];
     texture_at(set, 0, point, rgb);
@@ -154,18 +91,18 @@ static void trees_are_evaluated_children_first(void **state)
 {
     (void)state;
     struct scene *scene = scenes_begin(1, 1);
-    uint32_t a = texture_add(scene, constant(0.2f, 0.4f, 0.6f));
-    uint32_t b = texture_add(scene, constant(0.5f, 0.25f, 2));
-    uint32_t scaled = texture_add(
+    uint32_t a = scenes_texture(scene, texture_constant(0.2f, 0.4f, 0.6f));
+    uint32_t b = scenes_texture(scene, texture_constant(0.5f, 0.25f, 2));
+    uint32_t scaled = scenes_texture(
         scene, (struct texture){ .kind = TEXTURE_SCALE, .child = { a + 1, b + 1 } });
-    uint32_t mixed = texture_add(
+    uint32_t mixed = scenes_texture(
         scene, (struct texture){ .kind = TEXTURE_MIX,
                                  .child = { scaled + 1, 0, 0 },
                                  .value = { { 9, 9, 9 }, { 1, 1, 1 }, { 0.25f, 0.25f, 0.25f } } });
-    uint32_t inverse = texture_add(scene, (struct texture){ .kind = TEXTURE_SCALE,
-                                                            .flags = TEXTURE_INVERT,
-                                                            .child = { mixed + 1 },
-                                                            .value = { { 0 }, { 1, 1, 1 } } });
+    uint32_t inverse = scenes_texture(scene, (struct texture){ .kind = TEXTURE_SCALE,
+                                                               .flags = TEXTURE_INVERT,
+                                                               .child = { mixed + 1 },
+                                                               .value = { { 0 }, { 1, 1, 1 } } });
     struct texture_set *set = set_of(scene);
     const double want[3] = { 0.75 * 0.1 + 0.25, 0.75 * 0.1 + 0.25, 0.75 * 1.2 + 0.25 };
     float rgb[3];
@@ -185,12 +122,12 @@ static void deep_trees_cost_no_more_than_their_nodes_and_too_deep_ones_are_refus
     (void)state;
     for (uint32_t depth = TEXTURE_STEPS; depth <= TEXTURE_STEPS + 1; depth++) {
         struct scene *scene = scenes_begin(1, 1);
-        texture_add(scene, constant(0.3f, 0.3f, 0.3f));
+        scenes_texture(scene, texture_constant(0.3f, 0.3f, 0.3f));
         while (scene->texture_count < depth) /* 2^63 paths lead down to the first */
-            texture_add(scene,
-                        (struct texture){ .kind = TEXTURE_MIX,
-                                          .child = { scene->texture_count, scene->texture_count },
-                                          .value = { { 0 }, { 0 }, { 0.5f, 0.5f, 0.5f } } });
+            scenes_texture(
+                scene, (struct texture){ .kind = TEXTURE_MIX,
+                                         .child = { scene->texture_count, scene->texture_count },
+                                         .value = { { 0 }, { 0 }, { 0.5f, 0.5f, 0.5f } } });
         struct err err = { .code = ERR_OK };
         struct texture_set *set = texture_set_open(scene, &err);
         if (depth <= TEXTURE_STEPS) {
@@ -209,7 +146,7 @@ static void bilerp_vertex_colours_and_directions_have_their_formulas(void **stat
 {
     (void)state;
     struct texture bilerp = { .kind = TEXTURE_BILERP,
-                              .map = IDENTITY_UV_MAP,
+                              .map = SCENES_UV_MAP,
                               .value = { { 1 }, { 2 }, { 4 }, { 8 } } };
     struct texture_point point = at_uv(0.25f, 0.75f);
     EXPECT_NEAR(value_at(bilerp, &point), 0.75 * (0.25 * 1 + 0.75 * 2) + 0.25 * (1 + 6), 1e-6);
@@ -254,11 +191,11 @@ static void pictures_wrap_as_endless_rows_do(void **state) /* H17 */
         for (int nearest = 0; nearest < 2; nearest++) {
             struct scene *scene = scenes_begin(1, 1);
             uint32_t index;
-            memcpy(picture_add(scene, 5, 1, 1, 1, TEXEL_FLOAT, &index), row, sizeof(row));
-            struct texture texture = image(index, wrap);
+            memcpy(scenes_picture(scene, 5, 1, 1, 1, TEXEL_FLOAT, &index), row, sizeof(row));
+            struct texture texture = texture_image(index, wrap);
             texture.wrap[1] = WRAP_CLAMP;
             texture.flags = nearest ? TEXTURE_NEAREST : 0;
-            texture_add(scene, texture);
+            scenes_texture(scene, texture);
             struct texture_set *set = set_of(scene);
             for (size_t i = 0; i < sizeof(us) / sizeof(us[0]); i++) {
                 struct texture_point point = at_uv((float)us[i], 0.5f);
@@ -313,21 +250,21 @@ static void wild_coordinates_find_sound_values(void **state) /* H17 */
                 continue;
             struct scene *scene = scenes_begin(1, 1);
             struct texture texture = { .kind = kinds[k],
-                                       .map = IDENTITY_UV_MAP,
+                                       .map = SCENES_UV_MAP,
                                        .value = { { 0.25f }, { 0.75f } } };
             uint32_t index;
-            float *texels = (float *)(void *)picture_add(scene, 4, 4, 1, 3, TEXEL_FLOAT, &index);
+            float *texels = scenes_picture(scene, 4, 4, 1, 3, TEXEL_FLOAT, &index);
             for (int i = 0; i < 21; i++)
                 texels[i] = i % 2 ? 0.25f : 0.75f;
             if (kinds[k] == TEXTURE_IMAGE)
-                texture = image(index, WRAP_REPEAT);
+                texture = texture_image(index, WRAP_REPEAT);
             if (noise)
-                texture = of_point(kinds[k]);
-            const float point_map[12] = IDENTITY_POINT_MAP;
+                texture = texture_of_point(kinds[k]);
+            const float point_map[12] = SCENES_POINT_MAP;
             if (mapping != MAPPING_UV)
                 memcpy(texture.map, point_map, sizeof(point_map));
             texture.mapping = mapping;
-            texture_add(scene, texture);
+            scenes_texture(scene, texture);
             struct texture_set *set = set_of(scene);
             for (int i = 0; i < WILD * WILD * 4; i++) {
                 struct texture_point point = at_uv(wild[i % WILD], wild[i / WILD % WILD]);
@@ -352,8 +289,8 @@ static void pictures_stand_upright(void **state)
     struct scene *scene = scenes_begin(1, 1);
     uint32_t index;
     const float rows[4] = { 1, 2, 3, 4 }; /* top left, top right, bottom left, bottom right */
-    memcpy(picture_add(scene, 2, 2, 1, 1, TEXEL_FLOAT, &index), rows, sizeof(rows));
-    texture_add(scene, image(index, WRAP_CLAMP));
+    memcpy(scenes_picture(scene, 2, 2, 1, 1, TEXEL_FLOAT, &index), rows, sizeof(rows));
+    scenes_texture(scene, texture_image(index, WRAP_CLAMP));
     struct texture_set *set = set_of(scene);
     struct texture_point bottom_left = at_uv(0, 0), top_right = at_uv(1, 1);
     EXPECT_NEAR(red_at(set, 0, &bottom_left), 3, 0);
@@ -381,19 +318,20 @@ static void texels_are_decoded_exactly(void **state)
     for (int srgb = 0; srgb < 2; srgb++) {
         struct scene *scene = scenes_begin(1, 1);
         uint32_t index;
-        uint8_t *texels = picture_add(scene, 256, 1, 4, 1, srgb ? TEXEL_U8_SRGB : TEXEL_U8, &index);
+        uint8_t *texels = scenes_picture(scene, 256, 1, 4, 1, srgb ? TEXEL_U8_SRGB : TEXEL_U8,
+                                         &index);
         for (int i = 0; i < 256; i++) {
             texels[4 * i] = (uint8_t)i;
             texels[4 * i + 1] = (uint8_t)(255 - i);
             texels[4 * i + 3] = (uint8_t)i;
         }
-        struct texture texture = image(index, WRAP_CLAMP);
+        struct texture texture = texture_image(index, WRAP_CLAMP);
         texture.flags = TEXTURE_NEAREST;
-        texture_add(scene, texture);
+        scenes_texture(scene, texture);
         texture.channel = 3;
-        texture_add(scene, texture);
+        scenes_texture(scene, texture);
         texture.channel = 1;
-        texture_add(scene, texture);
+        scenes_texture(scene, texture);
         struct texture_set *set = set_of(scene);
         for (int i = 0; i < 256; i++) {
             struct texture_point point = at_uv(((float)i + 0.5f) / 256, 0.5f);
@@ -417,20 +355,20 @@ static void grey_and_absent_alpha_are_what_they_mean(void **state)
     (void)state;
     struct scene *scene = scenes_begin(1, 1);
     uint32_t index;
-    float *texel = (float *)(void *)picture_add(scene, 1, 1, 2, 1, TEXEL_FLOAT, &index);
+    float *texel = scenes_picture(scene, 1, 1, 2, 1, TEXEL_FLOAT, &index);
     texel[0] = 0.25f;
     texel[1] = 0.5f;
     for (uint32_t channel = 0; channel < 4; channel++) {
-        struct texture texture = image(index, WRAP_REPEAT);
+        struct texture texture = texture_image(index, WRAP_REPEAT);
         texture.channel = channel;
-        texture_add(scene, texture);
+        scenes_texture(scene, texture);
     }
-    texture_add(scene, image(index, WRAP_REPEAT));
-    float *plain = (float *)(void *)picture_add(scene, 1, 1, 3, 1, TEXEL_FLOAT, &index);
+    scenes_texture(scene, texture_image(index, WRAP_REPEAT));
+    float *plain = scenes_picture(scene, 1, 1, 3, 1, TEXEL_FLOAT, &index);
     plain[2] = 0.75f;
-    struct texture texture = image(index, WRAP_REPEAT);
+    struct texture texture = texture_image(index, WRAP_REPEAT);
     texture.channel = 3;
-    texture_add(scene, texture);
+    scenes_texture(scene, texture);
     struct texture_set *set = set_of(scene);
     const double want[] = { 0.25, 0.25, 0.25, 0.5, 0.25, 1 };
     for (uint32_t i = 0; i < 6; i++)
@@ -443,7 +381,7 @@ static void levels_are_chosen_by_the_footprint(void **state)
 {
     (void)state;
     struct scene *scene = scenes_begin(1, 1);
-    texture_add(scene, image(picture_of_level_numbers(scene, 64, 7), WRAP_REPEAT));
+    scenes_texture(scene, texture_image(picture_of_level_numbers(scene, 64, 7), WRAP_REPEAT));
     struct texture_set *set = set_of(scene);
     for (double width = 1e-4; width < 100; width *= 1.37) {
         struct texture_point point = at_uv(0.3f, 0.8f);
@@ -505,19 +443,19 @@ static void mappings_lead_where_they_say_and_know_their_footprint(void **state)
     for (uint32_t mapping = MAPPING_UV; mapping <= MAPPING_CYLINDRICAL; mapping++)
         for (int round = 0; round < 200; round++) {
             struct scene *scene = scenes_begin(1, 1);
-            struct texture t = image(picture_of_level_numbers(scene, 64, 7), WRAP_REPEAT);
+            struct texture t = texture_image(picture_of_level_numbers(scene, 64, 7), WRAP_REPEAT);
             t.mapping = mapping;
             for (int i = 0; i < 12; i++)
                 t.map[i] = (float)(2 * random_double(&r) - 1);
-            texture_add(scene, t);
+            scenes_texture(scene, t);
             struct texture s_alone = t;
             s_alone.kind = TEXTURE_BILERP; /* s, and t: u or v of the mapping itself */
             s_alone.value[2][0] = s_alone.value[3][0] = 1;
-            texture_add(scene, s_alone);
+            scenes_texture(scene, s_alone);
             struct texture t_alone = t;
             t_alone.kind = TEXTURE_BILERP;
             t_alone.value[1][0] = t_alone.value[3][0] = 1;
-            texture_add(scene, t_alone);
+            scenes_texture(scene, t_alone);
             struct texture_set *set = set_of(scene);
 
             /* A skew patch: uv and p move together */
@@ -626,34 +564,34 @@ static void noises_are_their_sums_and_fade_out_under_wide_footprints(void **stat
         lambda *= 1.99f;
     }
     struct texture_point point = at_p((double)p[0], (double)p[1], (double)p[2]);
-    EXPECT_NEAR(value_at(of_point(TEXTURE_FBM), &point), fbm, 1e-6);
-    EXPECT_NEAR(value_at(of_point(TEXTURE_WRINKLED), &point), turbulence + 0.2 * strength, 1e-6);
+    EXPECT_NEAR(value_at(texture_of_point(TEXTURE_FBM), &point), fbm, 1e-6);
+    EXPECT_NEAR(value_at(texture_of_point(TEXTURE_WRINKLED), &point), turbulence + 0.2 * strength,
+                1e-6);
     const float far[3] = { 0.1f * p[0], 0.1f * p[1], 0.1f * p[2] };
     double windy = fabs((double)noise_fbm(far, 0, 0.5f, 3)) * (double)noise_fbm(p, 0, 0.5f, 6);
-    EXPECT_NEAR(value_at(of_point(TEXTURE_WINDY), &point), windy, 1e-6);
+    EXPECT_NEAR(value_at(texture_of_point(TEXTURE_WINDY), &point), windy, 1e-6);
 
     point.width = 10;
-    EXPECT_NEAR(value_at(of_point(TEXTURE_FBM), &point), 0, 0);
+    EXPECT_NEAR(value_at(texture_of_point(TEXTURE_FBM), &point), 0, 0);
     /* Six octaves at their mean, and the first of them once more */
-    EXPECT_NEAR(value_at(of_point(TEXTURE_WRINKLED), &point), 0.2 * (1 + 2 * (1 - 1 / 64.0)), 1e-6);
+    EXPECT_NEAR(value_at(texture_of_point(TEXTURE_WRINKLED), &point),
+                0.2 * (1 + 2 * (1 - 1 / 64.0)), 1e-6);
     /* A footprint of 1/8: two octaves are wider than twice that, and nothing of the third is left
      */
     point.width = 0.125f;
     const float fine[3] = { 1.99f * p[0], 1.99f * p[1], 1.99f * p[2] };
-    EXPECT_NEAR(value_at(of_point(TEXTURE_FBM), &point),
+    EXPECT_NEAR(value_at(texture_of_point(TEXTURE_FBM), &point),
                 (double)noise_at(p) + 0.5 * (double)noise_at(fine), 1e-6);
 }
 
 static void dots_and_marble_stay_in_their_bounds(void **state)
 {
     (void)state;
-    struct texture dots = { .kind = TEXTURE_DOTS,
-                            .map = IDENTITY_UV_MAP,
-                            .value = { { 1 }, { 0 } } };
-    struct texture marble = of_point(TEXTURE_MARBLE);
+    struct texture dots = { .kind = TEXTURE_DOTS, .map = SCENES_UV_MAP, .value = { { 1 }, { 0 } } };
+    struct texture marble = texture_of_point(TEXTURE_MARBLE);
     struct scene *scene = scenes_begin(1, 1);
-    texture_add(scene, dots);
-    texture_add(scene, marble);
+    scenes_texture(scene, dots);
+    scenes_texture(scene, marble);
     struct texture_set *set = set_of(scene);
     struct random_lanes r = { 7, 0 };
     double inside = 0;
@@ -697,7 +635,7 @@ static void checkerboards_are_squares_seen_through_a_triangle(void **state)
 {
     (void)state;
     struct texture board = { .kind = TEXTURE_CHECKERBOARD,
-                             .map = IDENTITY_UV_MAP,
+                             .map = SCENES_UV_MAP,
                              .value = { { 0 }, { 1 } } };
     const double places[][2] = { { 0.5, 0.5 },   { 1.5, 0.5 },   { -0.5, 0.5 }, { -0.5, -1.5 },
                                  { 0.98, 0.25 }, { 2, 1e-4 },    { -3, 4 },     { 7.3, -2.6 },
@@ -720,7 +658,7 @@ static void checkerboards_are_squares_seen_through_a_triangle(void **state)
     struct texture cubes = board;
     cubes.flags = TEXTURE_THREE_SPACE;
     cubes.mapping = MAPPING_POINT;
-    const float point_map[12] = IDENTITY_POINT_MAP;
+    const float point_map[12] = SCENES_POINT_MAP;
     memcpy(cubes.map, point_map, sizeof(point_map));
     struct texture_point even = at_p(0.5, 1.5, -0.5), odd = at_p(0.5, 1.5, 0.5);
     EXPECT_NEAR(value_at(cubes, &even), 0, 0);
@@ -735,10 +673,11 @@ static void materials_take_what_textures_give_within_bounds(void **state) /* H29
 {
     (void)state;
     struct scene *scene = scenes_begin(1, 1);
-    uint32_t color = texture_add(scene, constant(0.25f, 1.5f, -1));
-    uint32_t none = texture_add(scene, constant(__builtin_nanf(""), __builtin_inff(), 0.5f));
-    uint32_t rough = texture_add(scene, constant(0.09f, 0.09f, 0.09f));
-    uint32_t tiny = texture_add(scene, constant(1e-7f, 1e-7f, 1e-7f));
+    uint32_t color = scenes_texture(scene, texture_constant(0.25f, 1.5f, -1));
+    uint32_t none = scenes_texture(scene,
+                                   texture_constant(__builtin_nanf(""), __builtin_inff(), 0.5f));
+    uint32_t rough = scenes_texture(scene, texture_constant(0.09f, 0.09f, 0.09f));
+    uint32_t tiny = scenes_texture(scene, texture_constant(1e-7f, 1e-7f, 1e-7f));
     struct texture_set *set = set_of(scene);
 
     struct material diffuse = { .texture = { [SLOT_REFLECTANCE] = color + 1 } };
@@ -792,9 +731,9 @@ static void flat_maps_change_no_bit_and_others_tilt_along_their_axes(void **stat
 {
     (void)state;
     struct scene *scene = scenes_begin(1, 1);
-    uint32_t flat = texture_add(scene, constant(0.5f, 0.5f, 1));
-    uint32_t leaning = texture_add(scene, constant(0.8f, 0.5f, 0.9f));
-    uint32_t up = texture_add(scene, constant(0.5f, 0.8f, 0.9f));
+    uint32_t flat = scenes_texture(scene, texture_constant(0.5f, 0.5f, 1));
+    uint32_t leaning = scenes_texture(scene, texture_constant(0.8f, 0.5f, 0.9f));
+    uint32_t up = scenes_texture(scene, texture_constant(0.5f, 0.8f, 0.9f));
     struct texture_set *set = set_of(scene);
     struct texture_point point = nowhere;
     const float wo[3] = { 0.1f, 0.2f, 0.97f };
@@ -837,11 +776,11 @@ static void a_bump_that_is_a_slope_is_the_tilted_plane(void **state)
     for (int round = 0; round < 300; round++) {
         struct scene *scene = scenes_begin(1, 1);
         double a = 2 * random_double(&r) - 1, b = 2 * random_double(&r) - 1;
-        texture_add(scene,
-                    (struct texture){
-                        .kind = TEXTURE_BILERP,
-                        .map = IDENTITY_UV_MAP,
-                        .value = { { 0 }, { (float)b }, { (float)a }, { (float)a + (float)b } } });
+        scenes_texture(
+            scene, (struct texture){
+                       .kind = TEXTURE_BILERP,
+                       .map = SCENES_UV_MAP,
+                       .value = { { 0 }, { (float)b }, { (float)a }, { (float)a + (float)b } } });
         struct texture_set *set = set_of(scene);
         struct texture_point point = at_uv((float)random_double(&r), (float)random_double(&r));
         if (round % 2)
@@ -935,36 +874,15 @@ static void quadrics_have_pbrts_coordinates(void **state)
     }
 }
 
-/* A quad with corners a, a + e1, a + e1 + e2, a + e2 that have uv (0,0), (1,0), (1,1), (0,1) */
-static struct mesh *quad_with_uv(struct scene *scene, const float a[3], const float e1[3],
-                                 const float e2[3], uint32_t material)
-{
-    static const float uvs[8] = { 0, 0, 1, 0, 1, 1, 0, 1 };
-    float corners[4][3];
-    for (int axis = 0; axis < 3; axis++) {
-        corners[0][axis] = a[axis];
-        corners[1][axis] = a[axis] + e1[axis];
-        corners[2][axis] = a[axis] + e1[axis] + e2[axis];
-        corners[3][axis] = a[axis] + e2[axis];
-    }
-    uint32_t index = scenes_polygon(scene, (const float(*)[3])corners, 4, material, 0);
-    struct mesh *mesh = &scene->meshes[index];
-    mesh->flags |= MESH_UVS;
-    mesh->uv_shift = scene->uv_count - mesh->first_vertex;
-    memcpy(scene->uvs + 2 * (size_t)scene->uv_count, uvs, sizeof(uvs));
-    scene->uv_count += 4;
-    return mesh;
-}
-
 static void triangles_interpolate_coordinates_and_colours(void **state)
 {
     (void)state;
     struct scene *scene = scenes_begin(1, 1);
     /* Before it another, so that shifts count; and one without coordinates */
-    quad_with_uv(scene, (float[3]){ 9, 9, 9 }, (float[3]){ 1, 0, 0 }, (float[3]){ 0, 1, 0 },
-                 scenes_diffuse(scene, 1));
-    struct mesh *mesh = quad_with_uv(scene, (float[3]){ -1, -1, 2 }, (float[3]){ 4, 0, 0 },
-                                     (float[3]){ 0, 3, 1 }, 0);
+    scenes_quad_with_uv(scene, (float[3]){ 9, 9, 9 }, (float[3]){ 1, 0, 0 }, (float[3]){ 0, 1, 0 },
+                        scenes_diffuse(scene, 1));
+    struct mesh *mesh = scenes_quad_with_uv(scene, (float[3]){ -1, -1, 2 }, (float[3]){ 4, 0, 0 },
+                                            (float[3]){ 0, 3, 1 }, 0);
     mesh->flags |= MESH_COLORS;
     mesh->color_shift = 0u - mesh->first_vertex;
     for (uint32_t i = 0; i < 16; i++)
@@ -994,277 +912,6 @@ static void triangles_interpolate_coordinates_and_colours(void **state)
     scene_free(scene);
 }
 
-/* ---- pictures of textured scenes */
-
-static struct picture *take(struct scene *scene, uint32_t samples)
-{
-    scenes_finish(scene);
-    struct err err = { .code = ERR_OK };
-    if (!scene_check(scene, &err))
-        fail_msg("%s", err.text);
-    return picture_take(scene, (struct picture_how){ .samples = samples });
-}
-
-static void far_checks_converge_to_their_mean_with_less_noise_than_unfiltered(void **state)
-{
-    (void)state;
-    double variance[2], mean[2], pixels = 0;
-    for (int pyramid = 0; pyramid < 2; pyramid++) {
-        struct scene *scene = scenes_begin(32, 32);
-        uint32_t index, levels = pyramid ? 6 : 1;
-        float *texel = (float *)(void *)picture_add(scene, 32, 32, 1, levels, TEXEL_FLOAT, &index);
-        for (uint32_t l = 0; l < levels; l++)
-            for (uint32_t i = 0; i < (32u >> l) * (32u >> l); i++)
-                *texel++ = l > 0 ? 0.5f : (float)((i + i / 32) % 2);
-        struct texture texture = image(index, WRAP_REPEAT);
-        texture.map[0] = texture.map[4] = 10; /* 320 checks over 32 pixels */
-        texture_add(scene, texture);
-        uint32_t material = scenes_material(
-            scene, (struct material){ .texture = { [SLOT_REFLECTANCE] = 1 } });
-        quad_with_uv(scene, (float[3]){ -5, -5, 5 }, (float[3]){ 0, 10, 0 }, (float[3]){ 10, 0, 0 },
-                     material);
-        scenes_sky(scene, 1);
-        struct picture *p = take(scene, 4);
-        assert_true(scene->settings.effects & FX_TEXTURE);
-        variance[pyramid] = p->variance;
-        mean[pyramid] = p->mean;
-        pixels = p->pixels;
-        assert_int_equal(p->failed, 0);
-        picture_free(p);
-        scene_free(scene);
-    }
-    EXPECT_NEAR(mean[0], 0.5, 4 * sqrt(variance[0] / pixels));
-    EXPECT_NEAR(mean[1], 0.5, 4 * sqrt(variance[1] / pixels) + 1e-6);
-    if (!(variance[1] < 0.01 * variance[0]))
-        fail_msg("variance %g with a pyramid, %g without", variance[1], variance[0]);
-}
-
-/* White where light gets through: `layers` sheets of share alpha, black, before a white sky */
-static struct scene *sheets(float alpha, int layers)
-{
-    struct scene *scene = scenes_begin(32, 32);
-    texture_add(scene, constant(alpha, alpha, alpha));
-    uint32_t black = scenes_diffuse(scene, 0);
-    for (int i = 0; i < layers; i++)
-        quad_with_uv(scene, (float[3]){ -50, -50, 5 + (float)i }, (float[3]){ 0, 100, 0 },
-                     (float[3]){ 100, 0, 0 }, black)
-            ->alpha = 1;
-    scenes_sky(scene, 1);
-    return scene;
-}
-
-static void alpha_lets_its_share_of_rays_through(void **state)
-{
-    (void)state;
-    for (int layers = 1; layers <= 3; layers++) {
-        struct scene *scene = sheets(0.3f, layers);
-        struct picture *p = take(scene, 64);
-        double want = pow(0.7, layers), n = p->pixels * 64;
-        double z = fabs(p->mean - want) / sqrt(want * (1 - want) / n);
-        if (z > 4)
-            fail_msg("%d layers: %g, want %g, z = %g", layers, p->mean, want, z);
-        /* Planted: an alpha of .28, and layers that decide alike */
-        double planted = pow(0.72, layers);
-        assert_true(fabs(p->mean - planted) > 4 * sqrt(planted * (1 - planted) / n));
-        assert_true(layers == 1 || fabs(p->mean - 0.7) > 0.1);
-        picture_free(p);
-        scene_free(scene);
-    }
-    const float alphas[] = { 0, -1, 1, 2 };
-    for (int i = 0; i < 4; i++) {
-        struct scene *scene = sheets(alphas[i], 1);
-        struct picture *p = take(scene, 4);
-        EXPECT_NEAR(p->mean, i < 2 ? 1 : 0, 0);
-        picture_free(p);
-        scene_free(scene);
-    }
-}
-
-static void alpha_lets_its_share_of_shadow_rays_through(void **state)
-{
-    (void)state;
-    struct scene *scene = scenes_begin(32, 32);
-    texture_add(scene, constant(0.3f, 0.3f, 0.3f));
-    quad_with_uv(scene, (float[3]){ -50, -50, 5 }, (float[3]){ 0, 100, 0 }, (float[3]){ 100, 0, 0 },
-                 scenes_diffuse(scene, 0.5f));
-    /* Behind the camera, between the wall and the light */
-    quad_with_uv(scene, (float[3]){ -50, -50, -1 }, (float[3]){ 0, 100, 0 },
-                 (float[3]){ 100, 0, 0 }, scenes_diffuse(scene, 0))
-        ->alpha = 1;
-    scenes_light(
-        scene,
-        (struct light){ .kind = LIGHT_DISTANT, .radiance = { 2, 2, 2 }, .direction = { 0, 0, 1 } });
-    struct picture *p = take(scene, 64);
-    double full = 0.5 * 2 / M_PI, n = p->pixels * 64;
-    EXPECT_NEAR(p->mean / full, 0.7, 4 * sqrt(0.7 * 0.3 / n));
-    picture_free(p);
-    scene_free(scene);
-}
-
-/* A wall of reflectance .5 before the camera whose displacement rises by `slope` per unit along x,
- * lit from over the camera's shoulder; the quad is 8 wide, so uv are an eighth */
-static struct scene *slope(float rise, float light_x, float light_z)
-{
-    struct scene *scene = scenes_begin(16, 16);
-    uint32_t ramp = texture_add(
-        scene, (struct texture){ .kind = TEXTURE_BILERP,
-                                 .map = IDENTITY_UV_MAP,
-                                 .value = { { 0 }, { 0 }, { 8 * rise }, { 8 * rise } } });
-    uint32_t material = scenes_material(scene,
-                                        (struct material){ .reflectance = { 0.5f, 0.5f, 0.5f },
-                                                           .texture = { [SLOT_BUMP] = ramp + 1 } });
-    quad_with_uv(scene, (float[3]){ -4, 4, 3 }, (float[3]){ 8, 0, 0 }, (float[3]){ 0, -8, 0 },
-                 material);
-    float length = sqrtf(light_x * light_x + light_z * light_z);
-    scenes_light(scene, (struct light){ .kind = LIGHT_DISTANT,
-                                        .radiance = { 2, 2, 2 },
-                                        .direction = { light_x / length, 0, light_z / length } });
-    return scene;
-}
-
-static void a_bumpy_wall_is_as_bright_as_the_tilted_one(void **state) /* H15 */
-{
-    (void)state;
-    for (int sign = -1; sign <= 1; sign += 2) {
-        struct scene *scene = slope(0.3f * (float)sign, 0.5f, 1);
-        struct picture *p = take(scene, 4);
-        assert_true(scene->settings.effects & FX_BUMP);
-        /* The wall faces the camera, along -z; rising along x it leans to -x */
-        double want = 0.5 * 2 / M_PI * (0.3 * sign * 0.5 + 1) / sqrt(1.25 * 1.09);
-        EXPECT_NEAR(p->mean, want, 1e-3);
-        EXPECT_NEAR(sqrt(p->variance), 0, 1e-3);
-        assert_true(fabs(p->mean - 0.5 * 2 / M_PI / sqrt(1.25)) > 0.01); /* planted: no bump */
-        picture_free(p);
-        scene_free(scene);
-    }
-    /* From behind nothing comes through, however the wall leans */
-    struct scene *scene = slope(2, 1, -0.05f);
-    struct picture *p = take(scene, 4);
-    EXPECT_NEAR(p->largest, 0, 0);
-    picture_free(p);
-    scene_free(scene);
-}
-
-static void a_bumpy_dark_box_leaks_nothing(void **state) /* H15 */
-{
-    (void)state;
-    static const float low[3] = { -1, -1, -1 }, high[3] = { 1, 1, 1 };
-    struct scene *scene = scenes_begin(32, 32);
-    struct texture waves = of_point(TEXTURE_FBM);
-    waves.map[0] = waves.map[5] = waves.map[10] = 7;
-    texture_add(scene, waves);
-    uint32_t material = scenes_material(
-        scene,
-        (struct material){ .reflectance = { 0.9f, 0.9f, 0.9f }, .texture = { [SLOT_BUMP] = 1 } });
-    scenes_box(scene, low, high, material, 0);
-    scenes_sky(scene, 1);
-    struct picture *p = take(scene, 16);
-    EXPECT_NEAR(p->largest, 0, 0);
-    assert_int_equal(p->failed, 0);
-    assert_true(p->stats.events > p->stats.samples);
-    picture_free(p);
-    scene_free(scene);
-}
-
-static void a_mix_follows_its_texture(void **state)
-{
-    (void)state;
-    struct scene *scene = scenes_begin(16, 16);
-    texture_add(scene, (struct texture){ .kind = TEXTURE_CHECKERBOARD,
-                                         .map = { 2, 0, 0, 0, 0, 0.5f },
-                                         .value = { { 0 }, { 1, 1, 1 } } });
-    uint32_t dark = scenes_diffuse(scene, 0.2f), bright = scenes_diffuse(scene, 0.8f);
-    uint32_t material = scenes_material(scene,
-                                        (struct material){ .kind = MATERIAL_MIX,
-                                                           .mix = { dark, bright },
-                                                           .texture = { [SLOT_AMOUNT] = 1 } });
-    quad_with_uv(scene, (float[3]){ -4, 4, 3 }, (float[3]){ 8, 0, 0 }, (float[3]){ 0, -8, 0 },
-                 material);
-    scenes_sky(scene, 1);
-    struct picture *p = take(scene, 16);
-    for (uint32_t y = 0; y < 16; y++) {
-        EXPECT_NEAR(p->rgb[3 * (16 * y + 1)] / 16, 0.2, 1e-6);
-        EXPECT_NEAR(p->rgb[3 * (16 * y + 14)] / 16, 0.8, 1e-6);
-    }
-    picture_free(p);
-    scene_free(scene);
-}
-
-/* Everything at once: a room of textured, bumpy, rough and partly absent things */
-static struct scene *textured_room(void)
-{
-    struct scene *scene = scenes_begin(40, 33);
-    uint32_t index;
-    uint8_t *texel = picture_add(scene, 16, 16, 3, 5, TEXEL_U8_SRGB, &index);
-    for (int i = 0; i < 3 * 341; i++)
-        texel[i] = (uint8_t)(i * 37);
-    struct texture picture = image(index, WRAP_MIRROR);
-    picture.map[0] = 3;
-    uint32_t color = texture_add(scene, picture);
-    struct texture noise = of_point(TEXTURE_FBM);
-    noise.map[0] = noise.map[5] = noise.map[10] = 3;
-    uint32_t bump = texture_add(scene, noise);
-    uint32_t marble = texture_add(scene, of_point(TEXTURE_MARBLE));
-    picture.channel = 1;
-    uint32_t share = texture_add(scene, picture);
-    uint32_t wall = scenes_material(
-        scene, (struct material){
-                   .texture = { [SLOT_REFLECTANCE] = marble + 1, [SLOT_BUMP] = bump + 1 } });
-    uint32_t metal = scenes_material(scene,
-                                     (struct material){ .kind = MATERIAL_CONDUCTOR,
-                                                        .flags = MATERIAL_METAL | MATERIAL_REMAP,
-                                                        .texture = { [SLOT_REFLECTANCE] = color + 1,
-                                                                     [SLOT_ROUGHNESS_U] = share + 1,
-                                                                     [SLOT_ROUGHNESS_V] = share + 1,
-                                                                     [SLOT_NORMAL] = color + 1 } });
-    uint32_t plain = scenes_diffuse(scene, 0.5f);
-    uint32_t mix = scenes_material(scene,
-                                   (struct material){ .kind = MATERIAL_MIX,
-                                                      .mix = { metal, plain },
-                                                      .texture = { [SLOT_AMOUNT] = share + 1 } });
-    scenes_room(scene, wall, plain);
-    scenes_quadric(scene, QUADRIC_SPHERE, -0.4f, -0.6f, 0.2f, 0.35f, mix, 0);
-    scenes_quadric(scene, QUADRIC_DISK, 0.6f, 0.4f, 0.5f, 0.3f, metal, 0);
-    quad_with_uv(scene, (float[3]){ 0.1f, -0.8f, 0 }, (float[3]){ 0.7f, 0.1f, 0.2f },
-                 (float[3]){ -0.2f, 0.8f, 0.1f }, metal)
-        ->alpha = share + 1;
-    return scene;
-}
-
-static void lanes_and_instruction_sets_give_the_same_bits(void **state)
-{
-    (void)state;
-    struct scene *scene = textured_room();
-    struct picture *a = take(scene, 8);
-    assert_true(a->mean > 0.01);
-    assert_int_equal(a->failed, 0);
-    picture_expect_any_lanes(scene, a, 8);
-    struct picture *b = picture_take(scene, (struct picture_how){ .samples = 8, .seed = 1 });
-    assert_false(picture_same(a, b)); /* the comparison can fail */
-    picture_free(b);
-    picture_free(a);
-    scene_free(scene);
-}
-
-static void a_flat_map_gives_the_picture_without_a_map(void **state)
-{
-    (void)state;
-    struct picture *pictures[2];
-    for (int mapped = 0; mapped < 2; mapped++) {
-        struct scene *scene = textured_room();
-        uint32_t flat = texture_add(scene, constant(0.5f, 0.5f, 1));
-        for (uint32_t i = 0; i < scene->material_count; i++) {
-            scene->materials[i].texture[SLOT_BUMP] = mapped ? flat + 1 : 0;
-            scene->materials[i].texture[SLOT_NORMAL] = mapped ? flat + 1 : 0;
-        }
-        pictures[mapped] = take(scene, 4);
-        scene_free(scene);
-    }
-    assert_true(picture_same(pictures[0], pictures[1]));
-    picture_free(pictures[0]);
-    picture_free(pictures[1]);
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -1287,14 +934,6 @@ int main(void)
         cmocka_unit_test(a_bump_that_is_a_slope_is_the_tilted_plane),
         cmocka_unit_test(quadrics_have_pbrts_coordinates),
         cmocka_unit_test(triangles_interpolate_coordinates_and_colours),
-        cmocka_unit_test(far_checks_converge_to_their_mean_with_less_noise_than_unfiltered),
-        cmocka_unit_test(alpha_lets_its_share_of_rays_through),
-        cmocka_unit_test(alpha_lets_its_share_of_shadow_rays_through),
-        cmocka_unit_test(a_bumpy_wall_is_as_bright_as_the_tilted_one),
-        cmocka_unit_test(a_bumpy_dark_box_leaks_nothing),
-        cmocka_unit_test(a_mix_follows_its_texture),
-        cmocka_unit_test(lanes_and_instruction_sets_give_the_same_bits),
-        cmocka_unit_test(a_flat_map_gives_the_picture_without_a_map),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
