@@ -40,6 +40,8 @@ static void read_pixels(png_structp png, png_infop info, struct reading *reading
 {
     const struct picture_source *source = reading->source;
     png_set_user_limits(png, INT32_MAX, INT32_MAX); /* ours are in bytes */
+    /* Comments and the like are skipped: libpng would take the memory that their headers claim */
+    png_set_keep_unknown_chunks(png, PNG_HANDLE_CHUNK_NEVER, NULL, -1);
     png_set_read_fn(png, reading, on_read);
     png_read_info(png, info);
 
