@@ -25,6 +25,8 @@ static uint32_t material_effects(const struct material *material)
     for (int slot = 0; slot < MATERIAL_SLOTS; slot++)
         if (material->texture[slot] != 0)
             mask |= slot == SLOT_NORMAL || slot == SLOT_BUMP ? FX_TEXTURE | FX_BUMP : FX_TEXTURE;
+    if (material->flags & MATERIAL_SHEEN)
+        mask |= FX_SHEEN;
     switch (material->kind) {
     case MATERIAL_MIXTURE:
         return mask | FX_MIXTURE;

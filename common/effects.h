@@ -43,10 +43,13 @@ struct scene;
     X(MOTION, 28, "motion", "things that move while the shutter is open")                \
     X(LIGHT_TREE, 29, "light-tree",                                                      \
       "so many lights that each receiver chooses among them by a tree")                  \
-    X(MEDIUM, 30, "medium", "fog and other media between surfaces")
+    X(MEDIUM, 30, "medium", "fog and other media between surfaces")                      \
+    X(SHEEN, 31, "sheen", "fibres that stand on a surface")
 
+/* Enumerators are int, and the last bit is its sign: beside a mask, which is unsigned, it is the
+ * bit again */
 enum effect {
-#define X(name, bit, printed, meaning) FX_##name = 1u << (bit),
+#define X(name, bit, printed, meaning) FX_##name = (int)(1u << (bit)),
     EFFECT_MAP(X)
 #undef X
 };

@@ -367,6 +367,20 @@ static bool check_material(const struct scene *scene, uint32_t index, struct err
     if (coat && material->coat_table + rows > scene->coat_table_count)
         return err_set(err, ERR_SCENE, "material %u: no coat table %u", index,
                        material->coat_table);
+    const float *sheen = material->sheen;
+    if (material->flags & MATERIAL_SHEEN) {
+        if (kind == MATERIAL_MIX || kind == MATERIAL_UNLIT)
+            return err_set(err, ERR_SCENE, "material %u cannot have a sheen", index);
+        for (int c = 0; c < 3; c++)
+            if (!(sheen[c] >= 0 && sheen[c] <= 1))
+                return err_set(err, ERR_SCENE, "material %u: a sheen of %g", index, sheen[c]);
+        if (!(material->sheen_alpha >= SHEEN_ALPHA_LEAST && material->sheen_alpha <= 1))
+            return err_set(err, ERR_SCENE, "material %u: a sheen of width %g", index,
+                           material->sheen_alpha);
+        if ((uint64_t)material->sheen_table + SHEEN_ROWS > scene->coat_table_count)
+            return err_set(err, ERR_SCENE, "material %u: no table %u of a sheen", index,
+                           material->sheen_table);
+    }
     /* Earlier materials only, so that no mix can contain itself */
     if (material->kind == MATERIAL_MIX && (material->mix[0] >= index || material->mix[1] >= index))
         return err_set(err, ERR_SCENE, "material %u mixes materials that are not before it", index);

@@ -24,6 +24,9 @@ struct err;
 #define POLYGON_MAX    8  /* corners of one polygon light; larger polygons become several lights */
 #define COAT_TABLE_LEN 64 /* entries of one row of a coat's tables */
 #define COAT_ALPHAS    8  /* widths that a coat of textured roughness is tabulated for */
+#define SHEEN_ALPHAS   49 /* widths that a sheen is tabulated for */
+#define SHEEN_FIRST    16 /* the first of them: see struct material */
+#define SHEEN_ROWS     (2 * SHEEN_ALPHAS)
 
 enum camera_kind { CAMERA_PERSPECTIVE = 0, CAMERA_ORTHOGRAPHIC = 1 };
 
@@ -313,8 +316,14 @@ enum material_kind {
  * master/coat.h. With MATERIAL_COATS the rows come COAT_ALPHAS times, for a coat of
  * alpha = (j / (COAT_ALPHAS - 1))^2 each (between them linear in sqrt(alpha), above 1 as at 1), and
  * behind them all is one row more: coat_inner of each alpha, then 1 / coat_scale of each (0 for 0).
+ *
+ * A sheen (MATERIAL_SHEEN) may lie over any kind but mixes and unlit ones, on both sides: that of
+ * common/sheen.h in the colour `sheen`, of width sheen_alpha. From coat_tables row sheen_table on
+ * there are SHEEN_ALPHAS rows of its albedo and as many of its bound, mu as above, for widths of
+ * alpha = ((SHEEN_FIRST + j) / 64)^4 each (between them linear in the fourth root of alpha).
  */
-#define ALPHA_SMOOTH 1e-3f
+#define ALPHA_SMOOTH      1e-3f
+#define SHEEN_ALPHA_LEAST (1 / 256.0f)
 
 /*
  * What a texture may give instead of the number in struct material. SLOT_ROUGHNESS_* give alpha
@@ -331,6 +340,8 @@ enum material_slot {
     SLOT_K = 6,           /* k */
     SLOT_NORMAL = 7,
     SLOT_BUMP = 8,
+    SLOT_SHEEN = 9,        /* sheen */
+    SLOT_SHEEN_ALPHA = 10, /* sheen_alpha */
     MATERIAL_SLOTS
 };
 enum material_flag {
@@ -340,6 +351,7 @@ enum material_flag {
     MATERIAL_TINTED = 8,        /* dielectric, thin or not: what is transmitted takes the colour
                                    specular, at each crossing of the surface */
     MATERIAL_COATS = 16,        /* one set of coat rows for each of COAT_ALPHAS widths */
+    MATERIAL_SHEEN = 32,        /* a sheen lies over it */
 };
 
 /* Rows of a coat over a conductor, all over the cosine mu outside */
@@ -363,6 +375,8 @@ struct material {
     float mix_amount;
     uint32_t coat_table;
     float coat_inner, coat_scale;
+    float sheen[3], sheen_alpha;
+    uint32_t sheen_table;
 };
 
 enum light_kind {

@@ -11,6 +11,8 @@
  *   emissive surface emits from its back as well.
  * - Metallic-roughness: by "metallic" a mix of a metal with reflectance baseColor and a dielectric
  *   coat (ior) over a diffuse base of baseColor; the width of both is roughness squared.
+ * - A sheen lies over all of that on both sides, a clear coat included, where glTF has it between
+ *   the two. A roughness below 1/16 is taken as that.
  * - Unlit materials show their base colour to the camera, and to it in mirrors and through glass,
  *   whatever light falls on them; they light nothing, and other surfaces see them black.
  * - Glass is a pane; with a thickness (KHR_materials_volume) its mesh is the surface of a body,

@@ -29,6 +29,9 @@ struct look {
     struct knob metallic, alpha; /* alpha: GGX width */
     struct knob transmission, clear;
     double clear_alpha;
+    double sheen[3];        /* black: there is none */
+    uint32_t sheen_texture; /* with the factors, or 0 */
+    struct knob sheen_alpha;
     double ior, reflected; /* of the dielectric: F0 = reflected times that of its index */
     bool thick, unlit, colored;
     double absorbed[3]; /* inside of thick glass, per unit of length of the world */
@@ -283,10 +286,33 @@ static bool read_clearcoat(struct gltf_reader *reader, struct look *look)
     return true;
 }
 
+static bool has_sheen(const struct look *look)
+{
+    return look->sheen[0] > 0 || look->sheen[1] > 0 || look->sheen[2] > 0;
+}
+
+static bool read_sheen(struct gltf_reader *reader, struct look *look)
+{
+    struct gltf_item item = gltf_json_extension(reader, &look->item, "KHR_materials_sheen");
+    struct gltf_texture image;
+    gltf_json_numbers(reader, &item, "sheenColorFactor", 0, 1, look->sheen, 3);
+    if (reader->failed || !has_sheen(look))
+        return !reader->failed;
+    if (!none_of(&look->clear))
+        gltf_report_note(reader, item.where, "a sheen lies on a clear coat, not below it");
+    return read_texture(reader, look, &item, "sheenColorTexture", true, &image) &&
+           gltf_textures_image(reader, &image, SCENE_NONE, &look->sheen_texture) &&
+           (look->sheen_texture == 0 ||
+            gltf_textures_scale(reader, &look->sheen_texture, look->sheen)) &&
+           read_knob(reader, look, &item, "sheenRoughnessFactor", 0, "sheenRoughnessTexture", ALPHA,
+                     &look->sheen_alpha) &&
+           square(reader, &look->sheen_alpha);
+}
+
 static void note_left_out(struct gltf_reader *reader, const struct look *look)
 {
-    static const char *const names[] = { "KHR_materials_sheen", "KHR_materials_iridescence",
-                                         "KHR_materials_anisotropy", "KHR_materials_dispersion",
+    static const char *const names[] = { "KHR_materials_iridescence", "KHR_materials_anisotropy",
+                                         "KHR_materials_dispersion",
                                          "KHR_materials_diffuse_transmission" };
     for (size_t i = 0; i < sizeof(names) / sizeof(names[0]); i++)
         if (gltf_json_extension(reader, &look->item, names[i]).json != NULL)
@@ -306,7 +332,7 @@ static bool read_look(struct gltf_reader *reader, struct look *look)
                     : read_metallic_roughness(reader, look);
     if (!good || !make_base(reader, look) || !read_normal(reader, look) ||
         !read_dielectric(reader, look) || !read_transmission(reader, look) ||
-        !read_clearcoat(reader, look))
+        !read_clearcoat(reader, look) || !read_sheen(reader, look))
         return false;
     note_left_out(reader, look);
     look->unlit = unlit.json != NULL;
@@ -327,6 +353,13 @@ static bool add(struct gltf_reader *reader, const struct look *look, struct mate
         material->normal_scale = (float)look->normal_scale;
         if (look->normal != 0 && look->normal_scale != 1)
             material->flags |= MATERIAL_NORMAL_SCALED;
+        if (has_sheen(look)) {
+            material->texture[SLOT_SHEEN] = look->sheen_texture;
+            material->texture[SLOT_SHEEN_ALPHA] = look->sheen_alpha.texture;
+            if (!scene_coats_add_sheen(&reader->materials.coats, reader->build, material,
+                                       look->sheen, look->sheen_alpha.value, reader->err))
+                return gltf_report_wrap(reader, look->item.where);
+        }
     }
     struct material *added = growing_add(&reader->build->materials, 1, sizeof(*added));
     if (added == NULL)

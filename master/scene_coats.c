@@ -2,6 +2,7 @@
 
 #include "common/err.h"
 #include "common/scene.h"
+#include "common/sheen.h"
 #include "master/coat.h"
 #include "master/scene_build.h"
 
@@ -140,7 +141,7 @@ bool scene_coats_add(struct scene_coats *coats, struct scene_build *build,
     coats->similar = false;
     if (coat == NULL) {
         const struct known_coat exact = wanted;
-        share(coats, build->coat_tables.count, &wanted);
+        share(coats, build->coat_tables.count - (coats->sheen != 0 ? SHEEN_ROWS : 0), &wanted);
         coats->similar = !same(&exact, &wanted);
         coat = find(coats, &wanted);
     }
@@ -153,5 +154,24 @@ bool scene_coats_add(struct scene_coats *coats, struct scene_build *build,
     material->coat_table = coat->table;
     material->coat_inner = coat->inner;
     material->coat_scale = coat->scale;
+    return true;
+}
+
+bool scene_coats_add_sheen(struct scene_coats *coats, struct scene_build *build,
+                           struct material *material, const double color[3], double alpha,
+                           struct err *err)
+{
+    if (coats->sheen == 0) {
+        float(*rows)[COAT_TABLE_LEN] = growing_add(&build->coat_tables, SHEEN_ROWS, sizeof(*rows));
+        if (rows == NULL)
+            return err_set(err, ERR_MEMORY, "no memory for the table of a sheen");
+        sheen_tabulate(rows);
+        coats->sheen = (uint32_t)(build->coat_tables.count - SHEEN_ROWS + 1);
+    }
+    material->flags |= MATERIAL_SHEEN;
+    material->sheen_table = coats->sheen - 1;
+    material->sheen_alpha = fminf(fmaxf((float)alpha, SHEEN_ALPHA_LEAST), 1);
+    for (int c = 0; c < 3; c++)
+        material->sheen[c] = (float)color[c];
     return true;
 }

@@ -1,6 +1,6 @@
 /*
- * The tables of coated materials on their way into a scene: what coat.h computes, laid out as
- * struct material wants it, and computed once for coats that are equal.
+ * The tables of coated materials on their way into a scene: what coat.h and common/sheen.h compute,
+ * laid out as struct material wants it, and computed once for coats that are equal.
  */
 #ifndef MASTER_SCENE_COATS_H
 #define MASTER_SCENE_COATS_H
@@ -8,6 +8,7 @@
 #include "master/growing.h"
 
 #include <stdbool.h>
+#include <stdint.h>
 
 struct err;
 struct material;
@@ -16,7 +17,8 @@ struct scene_build;
 /* What was computed already; zero-initialised at first. Lives as long as the reader. */
 struct scene_coats {
     struct growing known;
-    bool similar; /* the last material got the tables of a coat that is only like its own */
+    uint32_t sheen; /* 1 + first row of the table of all sheens, or 0 */
+    bool similar;   /* the last material got the tables of a coat that is only like its own */
 };
 #define SCENE_COATS_SIMILAR "so many different coats share tables: their energy is approximate"
 void scene_coats_free(struct scene_coats *coats);
@@ -29,5 +31,10 @@ void scene_coats_free(struct scene_coats *coats);
  */
 bool scene_coats_add(struct scene_coats *coats, struct scene_build *build,
                      struct material *material, double thickness, struct err *err);
+
+/* Lay a sheen over a material: in this colour, as wide as common/sheen.h allows. */
+bool scene_coats_add_sheen(struct scene_coats *coats, struct scene_build *build,
+                           struct material *material, const double color[3], double alpha,
+                           struct err *err);
 
 #endif

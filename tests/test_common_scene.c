@@ -227,6 +227,43 @@ static void every_kind_of_damage_is_found(void **state)
 #undef X
 }
 
+static void a_sheen_is_checked(void **state)
+{
+    (void)state;
+    static const struct {
+        struct material material;
+        const char *says; /* NULL: nothing */
+    } rows[] = {
+        { { .sheen = { 1, 0.5f, 0 }, .sheen_alpha = 1 }, NULL },
+        { { .sheen = { 1, 0.5f, 1.001f }, .sheen_alpha = 1 }, "a sheen of 1.001" },
+        { { .sheen = { 1, -0.5f, 0 }, .sheen_alpha = 1 }, "a sheen of -0.5" },
+        { { .sheen = { NAN, 0, 0 }, .sheen_alpha = 1 }, "a sheen of nan" },
+        { { .sheen_alpha = 0 }, "a sheen of width 0" },
+        { { .sheen_alpha = 1.5f }, "a sheen of width 1.5" },
+        { { .sheen_alpha = NAN }, "a sheen of width nan" },
+        { { .sheen_alpha = 1, .sheen_table = 2 }, "no table 2 of a sheen" },
+        { { .sheen_alpha = 1, .sheen_table = UINT32_MAX }, "no table 4294967295 of a sheen" },
+        { { .sheen_alpha = 1, .kind = MATERIAL_UNLIT }, "cannot have a sheen" },
+        { { .sheen_alpha = 1, .kind = MATERIAL_MIX }, "cannot have a sheen" },
+    };
+    for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
+        struct scene *s = scene_new();
+        s->coat_table_count = SHEEN_ROWS + 1;
+        s->coat_tables = arena_alloc(s->arena, SHEEN_ROWS + 1, COAT_TABLE_LEN * sizeof(float));
+        s->material_count = 1;
+        s->materials = arena_alloc(s->arena, 1, sizeof(struct material));
+        s->materials[0] = rows[i].material;
+        s->materials[0].flags = MATERIAL_SHEEN;
+        s->settings.effects = scene_effects(s);
+        assert_true(s->settings.effects & FX_SHEEN);
+        struct err err = { .text = "" };
+        assert_int_equal(scene_check(s, &err), rows[i].says == NULL);
+        if (rows[i].says != NULL && strstr(err.text, rows[i].says) == NULL)
+            fail_msg("\"%s\" was wanted, not \"%s\"", rows[i].says, err.text);
+        scene_free(s);
+    }
+}
+
 /* A sky and a point light with a picture each; two pictures of 2 x 2 */
 static struct scene *two_environments(void)
 {
@@ -359,6 +396,7 @@ int main(void)
         cmocka_unit_test(a_new_scene_is_empty_and_valid),
         cmocka_unit_test(a_whole_scene_passes),
         cmocka_unit_test(every_kind_of_damage_is_found),
+        cmocka_unit_test(a_sheen_is_checked),
         cmocka_unit_test(damaged_environments_are_found),
         cmocka_unit_test(each_effect_is_set_by_what_needs_it),
         cmocka_unit_test(effects_are_printed_and_cut),

@@ -105,6 +105,15 @@ static const struct {
            "\"KHR_materials_clearcoat\":{\"clearcoatFactor\":0.5,"
            "\"clearcoatRoughnessFactor\":0.4}}"),
       0 },
+    { GLTF("\"pbrMetallicRoughness\":{\"metallicFactor\":0.5,\"roughnessFactor\":0.8,"
+           "\"baseColorFactor\":[0.2,0.1,0.4,1]},\"extensions\":{\"KHR_materials_sheen\":{"
+           "\"sheenColorFactor\":[1,0.8,0.5],\"sheenRoughnessFactor\":0.5}}"),
+      0 },
+    { GLTF("\"pbrMetallicRoughness\":{\"metallicFactor\":0,\"roughnessFactor\":0.8},"
+           "\"extensions\":{\"KHR_materials_sheen\":{\"sheenColorFactor\":[1,1,1],"
+           "\"sheenColorTexture\":{\"index\":0},\"sheenRoughnessFactor\":0.9,"
+           "\"sheenRoughnessTexture\":{\"index\":0}}}"),
+      COLOURED },
 };
 #define ROWS (sizeof(rows) / sizeof(rows[0]))
 

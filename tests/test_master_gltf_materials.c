@@ -1,5 +1,6 @@
 /* Goal: the materials of a glTF file become those that glTF means by them, and what is approximated
  * is said. */
+#include "common/effects.h"
 #include "tests/gltf_text.h"
 
 #include <math.h>
@@ -167,6 +168,81 @@ static void clear_coats_lie_over_their_share(void **state)
         EXPECT_NEAR(scene->materials[mix->mix[0]].alpha[0], 0.25, 0);
         scene_free(scene);
     }
+}
+
+static void a_sheen_lies_over_every_part_of_a_material(void **state)
+{
+    (void)state;
+    start_textured();
+    struct scene *scene = scene_of(
+        WITH_MATERIAL("\"pbrMetallicRoughness\":{\"metallicFactor\":0.25},\"extensions\":{"
+                      "\"KHR_materials_sheen\":{\"sheenColorFactor\":[0.5,0.25,1],"
+                      "\"sheenRoughnessFactor\":0.5}}"));
+    const struct material *mix = material_of(scene);
+    assert_int_equal(mix->kind, MATERIAL_MIX);
+    assert_false(mix->flags & MATERIAL_SHEEN);
+    for (int i = 0; i < 2; i++) {
+        const struct material *part = &scene->materials[mix->mix[i]];
+        assert_true(part->flags & MATERIAL_SHEEN);
+        EXPECT_NEAR(part->sheen[0], 0.5, 0);
+        EXPECT_NEAR(part->sheen[1], 0.25, 0);
+        EXPECT_NEAR(part->sheen[2], 1, 0);
+        EXPECT_NEAR(part->sheen_alpha, 0.25, 0);
+        assert_int_equal(part->sheen_table, scene->materials[mix->mix[0]].sheen_table);
+        assert_true(part->coat_table < part->sheen_table ||
+                    part->coat_table >= part->sheen_table + SHEEN_ROWS ||
+                    part->kind == MATERIAL_CONDUCTOR);
+    }
+    assert_true(scene->settings.effects & FX_SHEEN);
+    /* At the width of a row, straight from above and from the side, fibres send little and much */
+    const float *rows = scene->coat_tables +
+                        (size_t)scene->materials[mix->mix[0]].sheen_table * COAT_TABLE_LEN;
+    const float *half = rows + (45 - SHEEN_FIRST) * COAT_TABLE_LEN; /* (45 / 64)^2 = .494 */
+    assert_true(half[COAT_TABLE_LEN - 1] < 0.05f && half[8] > 0.75f && half[8] < 0.85f);
+    scene_free(scene);
+
+    /* Colours are sRGB, roughness is an alpha of its own square; both with their factors */
+    scene = scene_of(
+        WITH_MATERIAL("\"pbrMetallicRoughness\":{\"metallicFactor\":0},\"extensions\":{"
+                      "\"KHR_materials_sheen\":{\"sheenColorFactor\":[0.5,0.25,1],"
+                      "\"sheenRoughnessFactor\":0.5,\"sheenColorTexture\":{\"index\":0},"
+                      "\"sheenRoughnessTexture\":{\"index\":0}}}"));
+    const struct material *cloth = material_of(scene);
+    const struct texture *color = &scene->textures[cloth->texture[SLOT_SHEEN] - 1];
+    assert_int_equal(color->kind, TEXTURE_SCALE);
+    EXPECT_NEAR(color->value[1][1], 0.25, 0);
+    const struct texture *image = &scene->textures[color->child[0] - 1];
+    assert_int_equal(scene->pictures[image->picture].texel, TEXEL_U8_SRGB);
+    assert_int_equal(image->channel, SCENE_NONE);
+    const struct texture *square = &scene->textures[cloth->texture[SLOT_SHEEN_ALPHA] - 1];
+    assert_int_equal(square->child[0], square->child[1]);
+    const struct texture *rough = &scene->textures[square->child[0] - 1];
+    EXPECT_NEAR(rough->value[1][0], 0.5, 0);
+    image = &scene->textures[rough->child[0] - 1];
+    assert_int_equal(image->channel, 3);
+    assert_int_equal(scene->pictures[image->picture].texel, TEXEL_U8);
+    scene_free(scene);
+
+    static const char *const none[] = { "\"KHR_materials_sheen\":{\"sheenRoughnessFactor\":1}",
+                                        "\"KHR_materials_unlit\":{},\"KHR_materials_sheen\":{"
+                                        "\"sheenColorFactor\":[1,1,1]}" };
+    for (int i = 0; i < 2; i++) {
+        char rest[2000];
+        start_textured();
+        snprintf(rest, sizeof(rest),
+                 WITH_MATERIAL("\"pbrMetallicRoughness\":{\"metallicFactor\":0},"
+                               "\"extensions\":{%s}"),
+                 none[i]);
+        scene = scene_of(rest);
+        assert_false(material_of(scene)->flags & MATERIAL_SHEEN);
+        assert_false(scene->settings.effects & FX_SHEEN);
+        scene_free(scene);
+    }
+    start_textured();
+    scene = scene_of(WITH_MATERIAL("\"extensions\":{\"KHR_materials_sheen\":{"
+                                   "\"sheenColorFactor\":[1,1,1]}}"));
+    EXPECT_NEAR(material_of(scene)->sheen_alpha, SHEEN_ALPHA_LEAST, 0);
+    scene_free(scene);
 }
 
 static void the_index_and_specular_decide_what_a_dielectric_reflects(void **state)
@@ -337,7 +413,9 @@ static void what_is_approximated_is_said_and_counted(void **state)
 {
     (void)state;
     static const char *const rows[][2] = {
-        { "\"extensions\":{\"KHR_materials_sheen\":{}}", "KHR_materials_sheen is left out" },
+        { "\"extensions\":{\"KHR_materials_clearcoat\":{\"clearcoatFactor\":1},"
+          "\"KHR_materials_sheen\":{\"sheenColorFactor\":[1,1,1]}}",
+          "a sheen lies on a clear coat" },
         { "\"extensions\":{\"KHR_materials_iridescence\":{}}", "iridescence is left out" },
         { "\"extensions\":{\"KHR_materials_unlit\":{}}", "seen by the camera and in mirrors" },
         { "\"occlusionTexture\":{\"index\":0}", "occlusion textures are not used" },
@@ -374,6 +452,7 @@ int main(void)
         cmocka_unit_test(glass_is_thin_without_a_volume_and_tinted),
         cmocka_unit_test(thick_glass_absorbs_on_the_way_through),
         cmocka_unit_test(clear_coats_lie_over_their_share),
+        cmocka_unit_test(a_sheen_lies_over_every_part_of_a_material),
         cmocka_unit_test(the_index_and_specular_decide_what_a_dielectric_reflects),
         cmocka_unit_test(textures_are_placed_as_gltf_places_them),
         cmocka_unit_test(metalness_and_roughness_come_from_their_channels),

@@ -9,13 +9,14 @@
  *
  * Each kind present among the lanes is evaluated once, under a mask; kinds outside the constant
  * mask `fx` are not compiled. Kinds but dielectric are two-sided: they take wo to the upper side,
- * and what they transmit to the lower.
+ * and what they transmit to the lower. Over any of them may lie a sheen (common/sheen.h).
  */
 #ifndef WORKER_KERNEL_BSDF_H
 #define WORKER_KERNEL_BSDF_H
 
 #include "common/effects.h"
 #include "common/scene.h"
+#include "common/sheen.h"
 #include "worker/kernel/fresnel.h"
 #include "worker/kernel/ggx.h"
 
@@ -37,6 +38,7 @@ struct bsdf8 {
     const float *coat_tables;
     i8 id;                     /* material of each lane, valid for every lane */
     i8 kind;                   /* enum material_kind */
+    i8 sheen;                  /* lanes that have one; with FX_SHEEN */
     struct vec3x8 reflectance; /* of the diffuse part */
 };
 
@@ -66,6 +68,9 @@ LANE_FN struct bsdf8 bsdf_of_materials(const struct scene *scene, const struct m
                            FX_COATED_CONDUCTOR | FX_TEXTURE;
     b.kind = fx & other ? GATHER_I(materials, struct material, kind, id) : I8(MATERIAL_DIFFUSE);
     b.reflectance = GATHER3(materials, struct material, reflectance, id);
+    b.sheen = I8(0);
+    if (fx & FX_SHEEN)
+        b.sheen = (GATHER_I(materials, struct material, flags, id) & MATERIAL_SHEEN) != 0;
     return b;
 }
 
@@ -130,6 +135,8 @@ LANE_FN i8 bsdf_all_delta(const struct bsdf8 *b, unsigned fx)
         }
         all |= smooth;
     }
+    if (fx & FX_SHEEN)
+        all &= ~b->sheen;
     return all;
 }
 
@@ -444,12 +451,11 @@ LANE_FN struct bsdf_eval8 coat_metal_eval(const struct coat_metal8 *coat, unsign
     return out;
 }
 
-/*
- * f cos and both densities for given directions, delta lobes excluded. wo.z != 0 in valid lanes;
- * lanes outside `valid` give zero.
- */
-LANE_FN struct bsdf_eval8 bsdf_eval(const struct bsdf8 *b, unsigned fx, enum transport_mode mode,
-                                    i8 valid, struct vec3x8 wo, struct vec3x8 wi)
+/* ---- all kinds, without what lies over them */
+
+LANE_FN struct bsdf_eval8 bsdf_eval_below(const struct bsdf8 *b, unsigned fx,
+                                          enum transport_mode mode, i8 valid, struct vec3x8 wo,
+                                          struct vec3x8 wi)
 {
     struct bsdf_eval8 out = { vec3x8_all(0, 0, 0), F8(0), F8(0) };
     f8 co = f8_abs(wo.z), ci = f8_abs(wi.z);
@@ -597,13 +603,9 @@ LANE_FN struct bsdf_eval8 bsdf_eval(const struct bsdf8 *b, unsigned fx, enum tra
     return out;
 }
 
-/*
- * Choose wi. `lobe` picks between lobes, (u, v) the direction. Lanes where nothing is scattered
- * come back with valid = 0.
- */
-LANE_FN struct bsdf_sample8 bsdf_sample(const struct bsdf8 *b, unsigned fx,
-                                        enum transport_mode mode, i8 valid, struct vec3x8 wo,
-                                        f8 lobe, f8 u, f8 v)
+LANE_FN struct bsdf_sample8 bsdf_sample_below(const struct bsdf8 *b, unsigned fx,
+                                              enum transport_mode mode, i8 valid, struct vec3x8 wo,
+                                              f8 lobe, f8 u, f8 v)
 {
     struct bsdf_sample8 out;
     f8 co = f8_abs(wo.z);
@@ -756,8 +758,8 @@ LANE_FN struct bsdf_sample8 bsdf_sample(const struct bsdf8 *b, unsigned fx,
             struct vec3x8 wi = vec3x8_select(surface, i, lift);
 
             /* Both lobes overlap unless the interface is a mirror: one value, one density */
-            struct bsdf_eval8 e = bsdf_eval(b, fx & (FX_COAT | FX_ROUGH | FX_TEXTURE), mode, lanes,
-                                            wo, wi);
+            struct bsdf_eval8 e = bsdf_eval_below(b, fx & (FX_COAT | FX_ROUGH | FX_TEXTURE), mode,
+                                                  lanes, wo, wi);
             f8 cos_t;
             f8 F = fresnel_dielectric(co, coat.ior, &cos_t);
             f8 inv = 1 / e.pdf;
@@ -860,6 +862,175 @@ LANE_FN struct bsdf_sample8 bsdf_sample(const struct bsdf8 *b, unsigned fx,
             out.delta |= delta;
             out.valid |= lanes & up & (delta | (e.pdf > 0));
         }
+    }
+    return out;
+}
+
+/* ---- a sheen over them; not inline, as few scenes have one, and the others shall not pay */
+
+#define SHEEN_FN static __attribute__((noinline, unused))
+
+struct sheen8 {
+    struct vec3x8 color;
+    f8 alpha;
+    i8 table; /* first entry of the albedo at the nearest width below */
+    f8 between;
+};
+
+/* What the sheen is for one direction */
+struct sheen_side8 {
+    f8 bound;
+    f8 below; /* the share of light that what lies below gets */
+    f8 p;     /* of samples for the sheen, as if what lies below returned all of that */
+};
+
+LANE_FN struct sheen8 sheen_of(const struct bsdf8 *b, i8 lanes)
+{
+    struct sheen8 sheen;
+    sheen.color = GATHER3(b->materials, struct material, sheen, b->id);
+    sheen.alpha = f8_select(lanes, GATHER(b->materials, struct material, sheen_alpha, b->id),
+                            F8(1));
+    f8 x = f8_sqrt(f8_sqrt(sheen.alpha)) * (float)(SHEEN_FIRST + SHEEN_ALPHAS - 1) - SHEEN_FIRST;
+    i8 j = i8_from_f8(f8_clamp(x, 0, SHEEN_ALPHAS - 2));
+    sheen.between = x - f8_from_i8(j);
+    i8 row = GATHER_I(b->materials, struct material, sheen_table, b->id) + j;
+    sheen.table = (row & lanes) * COAT_TABLE_LEN;
+    return sheen;
+}
+
+LANE_FN f8 sheen_entry(const struct bsdf8 *b, const struct sheen8 *sheen, int row, f8 mu)
+{
+    f8 x = f8_sqrt(f8_clamp(mu, 0, 1)) * (float)(COAT_TABLE_LEN - 1);
+    i8 i = i8_from_f8(f8_min(x, F8(COAT_TABLE_LEN - 2)));
+    f8 t = x - f8_from_i8(i), s = sheen->between;
+    i8 table = sheen->table + row * COAT_TABLE_LEN;
+    return (1 - s) * coat_entry(b, table, i, t) + s * coat_entry(b, table + COAT_TABLE_LEN, i, t);
+}
+
+LANE_FN struct sheen_side8 sheen_side(const struct bsdf8 *b, const struct sheen8 *sheen, f8 mu)
+{
+    struct sheen_side8 side;
+    f8 E = sheen_entry(b, sheen, 0, mu);
+    side.bound = sheen_entry(b, sheen, SHEEN_ALPHAS, mu);
+    side.below = f8_max(1 - vec3x8_max(sheen->color) * E, F8(0));
+    f8 mean = f8_sum3(sheen->color) * (1 / 3.0f) * E, sum = mean + side.below;
+    side.p = f8_select(sum > 0, mean / sum, F8(0));
+    return side;
+}
+
+/* *e, of what lies below, becomes that of all, in the lanes of `lanes` */
+SHEEN_FN void bsdf_eval_sheen(const struct bsdf8 *b, i8 lanes, const struct vec3x8 *wo,
+                              const struct vec3x8 *wi, struct bsdf_eval8 *e)
+{
+    /* Mirrored together with wo when it comes from below */
+    struct vec3x8 o = { wo->x, wo->y, f8_abs(wo->z) }, i = { wi->x, wi->y, f8_abs(wi->z) };
+    struct sheen8 sheen = sheen_of(b, lanes);
+    struct sheen_side8 so = sheen_side(b, &sheen, o.z), si = sheen_side(b, &sheen, i.z);
+    i8 reflect = lanes & (wo->z * wi->z > 0);
+    f8 f = f8_min(so.bound, si.bound) * sheen_value(o, i, sheen.alpha);
+    f = f8_select(reflect, f, F8(0));
+    f8 uniform = f8_select(reflect, F8(0.5f * PI_INV_F), F8(0));
+    struct vec3x8 f_cos = vec3x8_along(vec3x8_scale(e->f_cos, f8_min(so.below, si.below)),
+                                       sheen.color, f);
+    e->f_cos = vec3x8_select(lanes, f_cos, e->f_cos);
+    e->pdf = f8_select(lanes, (1 - so.p) * e->pdf + so.p * uniform, e->pdf);
+    e->pdf_rev = f8_select(lanes, (1 - si.p) * e->pdf_rev + si.p * uniform, e->pdf_rev);
+}
+
+/* The lanes of `lanes` that sample the sheen; in the others *lobe is what is left of it for what
+ * lies below */
+SHEEN_FN i8 bsdf_choose_sheen(const struct bsdf8 *b, i8 lanes, f8 co, f8 *lobe)
+{
+    struct sheen8 sheen = sheen_of(b, lanes);
+    f8 p = sheen_side(b, &sheen, co).p;
+    i8 chosen = lanes & (*lobe < p);
+    f8 rest = f8_min((*lobe - p) / (1 - p), F8(0x1.fffffep-1f));
+    *lobe = f8_select(lanes & ~chosen, rest, *lobe);
+    return chosen;
+}
+
+/* *out, of what lies below, becomes that of all, in the lanes of `lanes`; in those of `chosen` the
+ * direction is the sheen's, uniform over the hemisphere */
+SHEEN_FN void bsdf_sample_sheen(const struct bsdf8 *b, enum transport_mode mode, i8 lanes,
+                                i8 chosen, const struct vec3x8 *wo, f8 u, f8 v,
+                                struct bsdf_sample8 *out)
+{
+    f8 sine, cosine, r = f8_sqrt(u * (2 - u));
+    f8_sincos_turns(v, &sine, &cosine);
+    struct vec3x8 up = { r * cosine, r * sine, f8_mulsign(1 - u, wo->z) };
+    out->wi = vec3x8_select(chosen, up, out->wi);
+    out->delta &= ~chosen;
+    out->transmitted &= ~chosen;
+    out->eta = f8_select(chosen, F8(1), out->eta);
+    out->valid |= chosen;
+
+    /* What was sampled below is known there; delta events have no rival, but are dimmer and rarer
+     */
+    struct bsdf_eval8 e = { vec3x8_scale(out->weight, out->pdf), out->pdf, out->pdf_rev };
+    if (i8_any(chosen)) {
+        struct bsdf_eval8 below = bsdf_eval_below(b, FX_ALL, mode, chosen, *wo, out->wi);
+        e.f_cos = vec3x8_select(chosen, below.f_cos, e.f_cos);
+        e.pdf = f8_select(chosen, below.pdf, e.pdf);
+        e.pdf_rev = f8_select(chosen, below.pdf_rev, e.pdf_rev);
+    }
+    struct sheen8 sheen = sheen_of(b, lanes);
+    struct sheen_side8 so = sheen_side(b, &sheen, f8_abs(wo->z));
+    struct sheen_side8 si = sheen_side(b, &sheen, f8_abs(out->wi.z));
+    i8 mirror = lanes & out->delta, spread = lanes & ~out->delta & out->valid;
+    f8 dimmed = f8_min(so.below, si.below) / (1 - so.p);
+    bsdf_eval_sheen(b, spread, wo, &out->wi, &e);
+    out->weight = vec3x8_select(mirror, vec3x8_scale(out->weight, dimmed), out->weight);
+    out->weight = vec3x8_select(spread, vec3x8_scale(e.f_cos, 1 / e.pdf), out->weight);
+    out->pdf = f8_select(spread, e.pdf, out->pdf);
+    out->pdf_rev = f8_select(spread, e.pdf_rev, out->pdf_rev);
+}
+
+/* ---- a surface and what lies over it */
+
+/*
+ * f cos and both densities for given directions, delta lobes excluded. wo.z != 0 in valid lanes;
+ * lanes outside `valid` give zero.
+ */
+LANE_FN struct bsdf_eval8 bsdf_eval(const struct bsdf8 *b, unsigned fx, enum transport_mode mode,
+                                    i8 valid, struct vec3x8 wo, struct vec3x8 wi)
+{
+    struct bsdf_eval8 out = bsdf_eval_below(b, fx, mode, valid, wo, wi);
+    if ((fx & FX_SHEEN) && __builtin_expect(i8_any(b->sheen & valid), 0)) {
+        /* Copies: what has its address taken is in memory for good */
+        const struct bsdf8 surface = *b;
+        const struct vec3x8 o = wo, i = wi;
+        struct bsdf_eval8 all = out;
+        bsdf_eval_sheen(&surface, b->sheen & valid, &o, &i, &all);
+        out = all;
+    }
+    return out;
+}
+
+/*
+ * Choose wi. `lobe` picks between lobes, (u, v) the direction. Lanes where nothing is scattered
+ * come back with valid = 0.
+ */
+LANE_FN struct bsdf_sample8 bsdf_sample(const struct bsdf8 *b, unsigned fx,
+                                        enum transport_mode mode, i8 valid, struct vec3x8 wo,
+                                        f8 lobe, f8 u, f8 v)
+{
+    i8 over = I8(0), chosen = I8(0);
+    if (fx & FX_SHEEN) {
+        over = b->sheen & valid & (wo.z != 0);
+        if (__builtin_expect(i8_any(over), 0)) {
+            const struct bsdf8 surface = *b;
+            f8 rest = lobe;
+            chosen = bsdf_choose_sheen(&surface, over, f8_abs(wo.z), &rest);
+            lobe = rest;
+        }
+    }
+    struct bsdf_sample8 out = bsdf_sample_below(b, fx, mode, valid, wo, lobe, u, v);
+    if ((fx & FX_SHEEN) && __builtin_expect(i8_any(over), 0)) {
+        const struct bsdf8 surface = *b;
+        const struct vec3x8 o = wo;
+        struct bsdf_sample8 all = out;
+        bsdf_sample_sheen(&surface, mode, over, chosen, &o, u, v, &all);
+        out = all;
     }
     return out;
 }

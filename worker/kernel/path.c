@@ -677,6 +677,8 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
             go &= ~unlit;
         }
         i8 black = (bsdf.kind == MATERIAL_DIFFUSE) & (vec3x8_max(bsdf.reflectance) <= 0);
+        if (fx & FX_SHEEN)
+            black &= ~bsdf.sheen;
         go &= ~black;
         if (media)
             go |= volume;
@@ -769,7 +771,7 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
 
         /* Scatter */
         f8 lobe = F8(0);
-        if (fx & (FX_MIXTURE | FX_DIELECTRIC | FX_COAT | FX_THIN | FX_COATED_CONDUCTOR))
+        if (fx & (FX_MIXTURE | FX_DIELECTRIC | FX_COAT | FX_THIN | FX_COATED_CONDUCTOR | FX_SHEEN))
             lobe = sampler_1d(&ks->sampler, any, &path.key,
                               vertex_dimension(&path, SAMPLE_BSDF_LOBE));
         struct bsdf_sample8 bs = bsdf_sample(&bsdf, fx, TRANSPORT_RADIANCE, go & ~volume, wo, lobe,

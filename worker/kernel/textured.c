@@ -105,6 +105,10 @@ void textured_material(const struct texture_set *set, const struct texture_point
     if (slot_at(set, point, material, SLOT_K, 0, INDEX_MOST, rgb))
         memcpy(material->k, rgb, sizeof(rgb));
     set_roughness(set, point, material);
+    if (slot_at(set, point, material, SLOT_SHEEN, 0, 1, rgb))
+        memcpy(material->sheen, rgb, sizeof(rgb));
+    if (slot_at(set, point, material, SLOT_SHEEN_ALPHA, SHEEN_ALPHA_LEAST, 1, rgb))
+        material->sheen_alpha = rgb[0];
 }
 
 float textured_amount(const struct texture_set *set, const struct texture_point *point,
