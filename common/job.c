@@ -79,8 +79,11 @@ uint64_t job_shape_in_fours(uint64_t spp, uint32_t replicates, struct job_spec *
     return job_samples(spec, job_rounds(spec, spp));
 }
 
-/* Mitchell's outer piece is (2 - x)^2 ((B/6 + C)(2 - x) - C): negative near 2 for any C > 0. */
+/* Mitchell's outer piece is (2 - x)^2 ((B/6 + C)(2 - x) - C): negative near 2 for any C > 0. A sinc
+ * is so from 1 on. */
 bool job_in_fours(const struct filter_spec *filter)
 {
+    if (filter->kind == FILTER_SINC)
+        return filter->radius[0] > 1 || filter->radius[1] > 1;
     return filter->kind == FILTER_MITCHELL && (filter->c > 0 || filter->b > 3);
 }

@@ -81,13 +81,18 @@ static bool check_settings(const struct scene *scene, struct err *err)
         return false;
 
     const struct filter_spec *filter = &settings->filter;
-    const float numbers[] = { filter->radius[0], filter->radius[1], filter->sigma, filter->b,
-                              filter->c };
-    if (filter->kind > FILTER_MITCHELL || !finite_all(numbers, 5) || !(filter->radius[0] > 0) ||
+    const float numbers[] = { filter->radius[0], filter->radius[1], filter->sigma,
+                              filter->b,         filter->c,         filter->tau };
+    if (filter->kind > FILTER_SINC || !finite_all(numbers, 6) || !(filter->radius[0] > 0) ||
         !(filter->radius[1] > 0))
         return err_set(err, ERR_SCENE, "the reconstruction filter is not valid");
     if (filter->kind == FILTER_GAUSSIAN && !(filter->sigma > 0))
         return err_set(err, ERR_SCENE, "the gaussian filter's sigma is %g", filter->sigma);
+    if (filter->kind == FILTER_SINC &&
+        !(filter->tau >= 1 && filter->radius[0] <= FILTER_SINC_RADIUS &&
+          filter->radius[1] <= FILTER_SINC_RADIUS))
+        return err_set(err, ERR_SCENE, "the sinc filter's tau is %g, its radius %g x %g",
+                       filter->tau, filter->radius[0], filter->radius[1]);
 
     if (!finite_all(settings->shutter, 2) || !(settings->shutter[0] <= settings->shutter[1]))
         return err_set(err, ERR_SCENE, "the shutter is open from %g to %g", settings->shutter[0],

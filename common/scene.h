@@ -48,7 +48,15 @@ struct camera {
     float lens_radius, focal_distance;
 };
 
-enum filter_kind { FILTER_BOX = 0, FILTER_TRIANGLE = 1, FILTER_GAUSSIAN = 2, FILTER_MITCHELL = 3 };
+enum filter_kind {
+    FILTER_BOX = 0,
+    FILTER_TRIANGLE = 1,
+    FILTER_GAUSSIAN = 2,
+    FILTER_MITCHELL = 3,
+    FILTER_SINC = 4
+};
+
+#define FILTER_SINC_RADIUS 16 /* the most: each pixel of it has lobes to keep apart */
 
 /* A separable reconstruction filter; the formulas are those of pbrt-v4, section 8.8. */
 struct filter_spec {
@@ -56,6 +64,7 @@ struct filter_spec {
     float radius[2]; /* pixels */
     float sigma;     /* gaussian: exp(-x^2 / 2 sigma^2) minus its value at the radius */
     float b, c;      /* mitchell */
+    float tau;       /* sinc: sinc(x) sinc(x / tau), at least 1 */
 };
 
 #define SAMPLER_MAP(X)               \
@@ -90,7 +99,7 @@ struct scene_settings {
     uint32_t camera_motion; /* 1 + index into motions, then in place of camera's vectors; or 0 */
     float shutter[2];       /* when it opens and closes, in units of the motions */
     uint32_t camera_medium; /* 1 + index of the medium it stands in; 0: vacuum */
-    uint32_t reserved[4];   /* zero */
+    uint32_t reserved[3];   /* zero */
 };
 
 /*

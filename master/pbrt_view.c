@@ -166,7 +166,7 @@ static const struct pbrt_name filters[] = {
     { "triangle", FILTER_TRIANGLE, NAME_OURS, NULL },
     { "gaussian", FILTER_GAUSSIAN, NAME_OURS, NULL },
     { "mitchell", FILTER_MITCHELL, NAME_OURS, NULL },
-    { "sinc", 0, NAME_LATER, NULL },
+    { "sinc", FILTER_SINC, NAME_OURS, NULL },
 };
 
 bool pbrt_view_filter(struct pbrt_reader *reader, const struct pbrt_token *type)
@@ -178,7 +178,8 @@ bool pbrt_view_filter(struct pbrt_reader *reader, const struct pbrt_token *type)
     if (found == NULL)
         return true;
     static const double radius[] = {
-        [FILTER_BOX] = 0.5, [FILTER_TRIANGLE] = 2, [FILTER_GAUSSIAN] = 1.5, [FILTER_MITCHELL] = 2
+        [FILTER_BOX] = 0.5,    [FILTER_TRIANGLE] = 2, [FILTER_GAUSSIAN] = 1.5,
+        [FILTER_MITCHELL] = 2, [FILTER_SINC] = 4,
     };
     struct filter_spec filter = { .kind = (uint32_t)found->value };
     filter.radius[0] = (float)pbrt_params_float(params, "xradius", radius[found->value]);
@@ -189,13 +190,18 @@ bool pbrt_view_filter(struct pbrt_reader *reader, const struct pbrt_token *type)
         filter.b = (float)pbrt_params_float(params, "B", 1.0 / 3);
         filter.c = (float)pbrt_params_float(params, "C", 1.0 / 3);
     }
+    if (filter.kind == FILTER_SINC)
+        filter.tau = (float)pbrt_params_float(params, "tau", 3);
+    int most = filter.kind == FILTER_SINC ? FILTER_SINC_RADIUS : 64;
     for (int axis = 0; axis < 2; axis++)
-        if (!(filter.radius[axis] > 1e-3f && filter.radius[axis] <= 64))
-            pbrt_params_fail(params, NULL, "a filter radius of %g pixels is outside .001 to 64",
-                             filter.radius[axis]);
+        if (!(filter.radius[axis] > 1e-3f && filter.radius[axis] <= (float)most))
+            pbrt_params_fail(params, NULL, "a filter radius of %g pixels is outside .001 to %d",
+                             filter.radius[axis], most);
     if (filter.kind == FILTER_GAUSSIAN && !(filter.sigma > 1e-3f && filter.sigma <= 1e3f))
         pbrt_params_fail(params, NULL, "a sigma of %g pixels is outside .001 to 1000",
                          filter.sigma);
+    if (filter.kind == FILTER_SINC && !(filter.tau >= 1 && filter.tau <= 1e3f))
+        pbrt_params_fail(params, NULL, "a tau of %g is outside 1 to 1000", filter.tau);
     if (fabsf(filter.b) > 10 || fabsf(filter.c) > 10)
         pbrt_params_fail(params, NULL, "the filter's B and C are outside -10 to 10");
     settings_of(reader)->filter = filter;

@@ -175,24 +175,19 @@ static exr_result_t get_chunk_shape(struct reading *reading)
     return result;
 }
 
-/* Check what the file claims to be, choose its channels and allocate the picture. */
-static bool read_header(struct reading *reading)
-{
-    const struct picture_source *source = reading->source;
-    exr_context_t context = reading->context;
-    struct picture *picture = reading->picture;
+/* What the file says it is. */
+struct claims {
     exr_attr_box2i_t display;
     int32_t chunks;
-    uint64_t chunk_size;
-    exr_result_t result = exr_get_storage(context, 0, &reading->storage);
-    if (result == EXR_ERR_SUCCESS && reading->storage != EXR_STORAGE_SCANLINE &&
-        reading->storage != EXR_STORAGE_TILED)
-        return err_set(reading->err, ERR_UNSUPPORTED, "%s: deep EXR files are not supported",
-                       source->name);
+    uint64_t chunk_size; /* bytes, decoded */
+};
+
+static exr_result_t get_claims(struct reading *reading, struct claims *claims)
+{
+    exr_context_t context = reading->context;
+    exr_result_t result = exr_get_compression(context, 0, &reading->compression);
     if (result == EXR_ERR_SUCCESS)
-        result = exr_get_compression(context, 0, &reading->compression);
-    if (result == EXR_ERR_SUCCESS)
-        result = exr_get_display_window(context, 0, &display);
+        result = exr_get_display_window(context, 0, &claims->display);
     if (result == EXR_ERR_SUCCESS)
         result = exr_get_data_window(context, 0, &reading->data);
     if (result == EXR_ERR_SUCCESS)
@@ -200,25 +195,35 @@ static bool read_header(struct reading *reading)
     if (result == EXR_ERR_SUCCESS)
         result = get_chunk_shape(reading);
     if (result == EXR_ERR_SUCCESS)
-        result = exr_get_chunk_count(context, 0, &chunks);
+        result = exr_get_chunk_count(context, 0, &claims->chunks);
     if (result == EXR_ERR_SUCCESS)
-        result = exr_get_chunk_unpacked_size(context, 0, &chunk_size);
-    if (result != EXR_ERR_SUCCESS)
-        return failed(reading, result);
+        result = exr_get_chunk_unpacked_size(context, 0, &claims->chunk_size);
+    return result;
+}
 
-    const exr_attr_chlist_t *list = reading->list;
-    if (list->num_channels < 1 || list->num_channels > CHANNELS_MAX)
+static bool check_claims(struct reading *reading, const struct claims *claims)
+{
+    const struct picture_source *source = reading->source;
+    int channels = reading->list->num_channels;
+    if (channels < 1 || channels > CHANNELS_MAX)
         return err_set(reading->err, ERR_LIMIT, "%s: %d channels; 1 to %d are supported",
-                       source->name, list->num_channels, CHANNELS_MAX);
-    if (chunks < 1 || reading->chunk_width == 0 || reading->chunk_height == 0 ||
-        (uint64_t)chunks > source->size / 8) /* each has its place in a table */
+                       source->name, channels, CHANNELS_MAX);
+    if (claims->chunks < 1 || reading->chunk_width == 0 || reading->chunk_height == 0 ||
+        (uint64_t)claims->chunks > source->size / 8) /* each has its place in a table */
         return picture_reader_ends_early(source, reading->err);
-    if (chunk_size > source->limit)
+    if (claims->chunk_size > source->limit)
         return err_set(reading->err, ERR_LIMIT,
                        "%s: its header claims chunks of %" PRIu64
                        " bytes, more than is believed of a file of %zu bytes",
-                       source->name, chunk_size, source->size);
+                       source->name, claims->chunk_size, source->size);
+    return true;
+}
 
+/* Our channels, and who can read them. */
+static bool choose_reader(struct reading *reading, uint32_t *channels, enum picture_format *format)
+{
+    const char *name = reading->source->name;
+    const exr_attr_chlist_t *list = reading->list;
     const exr_attr_chlist_entry_t *chosen[4] = { NULL };
     uint32_t count = choose_channels(list, chosen);
     bool half = true, whole = true;
@@ -240,30 +245,55 @@ static bool read_header(struct reading *reading)
         return err_set(reading->err, ERR_UNSUPPORTED,
                        "%s: of a file with DWA compression, only R, G, B, Y and A can be read, not "
                        "channel \"%s\"",
-                       source->name, first);
+                       name, first);
     if (!reading->by_rgba && !whole)
         return err_set(reading->err, ERR_UNSUPPORTED,
-                       "%s: subsampled channels like \"%s\" are not supported", source->name,
-                       first);
+                       "%s: subsampled channels like \"%s\" are not supported", name, first);
+    *channels = chroma ? count + 2 : count;
+    *format = half || reading->by_rgba ? PICTURE_HALF : PICTURE_FLOAT;
+    return true;
+}
 
-    int64_t data_x = (int64_t)reading->data.min.x - display.min.x;
-    int64_t data_y = (int64_t)reading->data.min.y - display.min.y;
-    int64_t display_width = (int64_t)display.max.x - display.min.x + 1;
-    int64_t display_height = (int64_t)display.max.y - display.min.y + 1;
-    if (data_x != (int32_t)data_x || data_y != (int32_t)data_y || display_width < 1 ||
-        display_height < 1 || display_width > INT32_MAX || display_height > INT32_MAX)
-        return err_set(reading->err, ERR_SCENE, "%s: its windows make no sense", source->name);
+static bool place_windows(struct reading *reading, const exr_attr_box2i_t *display)
+{
+    int64_t x = (int64_t)reading->data.min.x - display->min.x;
+    int64_t y = (int64_t)reading->data.min.y - display->min.y;
+    int64_t width = (int64_t)display->max.x - display->min.x + 1;
+    int64_t height = (int64_t)display->max.y - display->min.y + 1;
+    if (x != (int32_t)x || y != (int32_t)y || width < 1 || height < 1 || width > INT32_MAX ||
+        height > INT32_MAX)
+        return err_set(reading->err, ERR_SCENE, "%s: its windows make no sense",
+                       reading->source->name);
+    reading->picture->data_x = (int32_t)x;
+    reading->picture->data_y = (int32_t)y;
+    reading->picture->display_width = (uint32_t)width;
+    reading->picture->display_height = (uint32_t)height;
+    return true;
+}
 
-    uint32_t channels = chroma ? count + 2 : count;
-    if (!picture_reader_allocate(
-            source, (uint64_t)((int64_t)reading->data.max.x - reading->data.min.x + 1),
-            (uint64_t)((int64_t)reading->data.max.y - reading->data.min.y + 1), channels,
-            half || reading->by_rgba ? PICTURE_HALF : PICTURE_FLOAT, picture, reading->err))
+/* Check what the file claims to be, choose its channels and allocate the picture. */
+static bool read_header(struct reading *reading)
+{
+    struct claims claims;
+    uint32_t channels;
+    enum picture_format format;
+    exr_result_t result = exr_get_storage(reading->context, 0, &reading->storage);
+    if (result == EXR_ERR_SUCCESS && reading->storage != EXR_STORAGE_SCANLINE &&
+        reading->storage != EXR_STORAGE_TILED)
+        return err_set(reading->err, ERR_UNSUPPORTED, "%s: deep EXR files are not supported",
+                       reading->source->name);
+    if (result == EXR_ERR_SUCCESS)
+        result = get_claims(reading, &claims);
+    if (result != EXR_ERR_SUCCESS)
+        return failed(reading, result);
+    if (!check_claims(reading, &claims) || !choose_reader(reading, &channels, &format))
         return false;
-    picture->data_x = (int32_t)data_x;
-    picture->data_y = (int32_t)data_y;
-    picture->display_width = (uint32_t)display_width;
-    picture->display_height = (uint32_t)display_height;
+    uint64_t width = (uint64_t)((int64_t)reading->data.max.x - reading->data.min.x + 1);
+    uint64_t height = (uint64_t)((int64_t)reading->data.max.y - reading->data.min.y + 1);
+    if (!picture_reader_allocate(reading->source, width, height, channels, format, reading->picture,
+                                 reading->err) ||
+        !place_windows(reading, &claims.display))
+        return false;
     keep_primaries(reading);
     return true;
 }

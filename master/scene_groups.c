@@ -125,24 +125,36 @@ static bool refuse_moving_light(const struct build_place *place, struct err *err
                    place->pos.path, place->pos.line, place->pos.column);
 }
 
-/* A copy of each emitter of each group, for each instance */
+typedef bool copy_part(struct scene_build *build, size_t index, const struct transform *to_world,
+                       struct err *err);
+
+/* A copy for each instance of the group that the emitter at `place` is in */
+static bool copy_for_instances(struct scene_build *build, uint32_t group,
+                               const struct build_place *place, copy_part *copy, size_t index,
+                               struct err *err)
+{
+    const struct build_instance *instances = build->instances.data;
+    for (size_t k = 0; k < build->instances.count; k++) {
+        if (instances[k].group != group)
+            continue;
+        if (instances[k].end != 0)
+            return refuse_moving_light(place, err);
+        struct transform to_world = start_of(&instances[k]);
+        if (!copy(build, index, &to_world, err))
+            return false;
+    }
+    return true;
+}
+
 static bool copy_emitters(struct scene_build *build, struct err *err)
 {
     size_t meshes = build->meshes.count, quadrics = build->quadrics.count;
-    const struct build_instance *instances = build->instances.data;
-    for (size_t i = 0; i < meshes; i++) {
+    for (size_t i = 0; i < meshes; i++) { /* the arrays grow, and may move */
         const struct build_mesh mesh = ((const struct build_mesh *)build->meshes.data)[i];
         if (mesh.group == 0 || !emits(build, &mesh.place))
             continue;
-        for (size_t k = 0; k < build->instances.count; k++) {
-            struct transform to_world = start_of(&instances[k]);
-            if (instances[k].group != mesh.group)
-                continue;
-            if (instances[k].end != 0)
-                return refuse_moving_light(&mesh.place, err);
-            if (!copy_mesh(build, i, &to_world, err))
-                return false;
-        }
+        if (!copy_for_instances(build, mesh.group, &mesh.place, copy_mesh, i, err))
+            return false;
         remove_mesh((struct build_mesh *)build->meshes.data + i);
     }
     for (size_t i = 0; i < quadrics; i++) {
@@ -150,15 +162,8 @@ static bool copy_emitters(struct scene_build *build, struct err *err)
             ((const struct build_quadric *)build->quadrics.data)[i];
         if (quadric.group == 0 || !emits(build, &quadric.place))
             continue;
-        for (size_t k = 0; k < build->instances.count; k++) {
-            struct transform to_world = start_of(&instances[k]);
-            if (instances[k].group != quadric.group)
-                continue;
-            if (instances[k].end != 0)
-                return refuse_moving_light(&quadric.place, err);
-            if (!copy_quadric(build, i, &to_world, err))
-                return false;
-        }
+        if (!copy_for_instances(build, quadric.group, &quadric.place, copy_quadric, i, err))
+            return false;
         ((struct build_quadric *)build->quadrics.data)[i].group = REMOVED;
     }
     return true;

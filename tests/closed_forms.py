@@ -580,7 +580,7 @@ def media():
 
 def filters():
     for name in '"box"', '"triangle"', '"gaussian"', '"mitchell"', \
-                '"mitchell" "float B" 0 "float C" .75':
+                '"mitchell" "float B" 0 "float C" .75', '"sinc"', '"sinc" "float tau" 1000':
         row(f"sky through {name}", scene(looking_down(), sky(), pixel_filter=name), 1, flat=True)
     bug("half a sky through mitchell",
         scene(window((0, 1, 0), (0, 0, 0), 1), sky(), diffuse(.9), level(-2, 0, -2, 2),

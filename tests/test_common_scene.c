@@ -195,6 +195,7 @@ static void a_whole_scene_passes(void **state)
     X(s->settings.crop[2] = 1, "crop window")                            \
     X(s->settings.sampler = SAMPLER_COUNT, "sampler")                    \
     X(s->settings.filter.radius[0] = 0, "filter")                        \
+    X(s->settings.filter.kind = FILTER_SINC, "sinc filter's tau is 0")   \
     X(s->settings.camera.kind = 2, "camera kind")                        \
     X(s->settings.camera.forward[0] = NAN, "camera")                     \
     X(s->settings.camera.lens_radius = -1, "lens radius")                \

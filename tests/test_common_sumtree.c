@@ -408,6 +408,8 @@ static void filters_with_negative_lobes_get_samples_in_fours(void **state)
     assert_true(job_in_fours(&(struct filter_spec){ .kind = FILTER_MITCHELL, .c = 1.f / 3 }));
     assert_false(job_in_fours(&(struct filter_spec){ .kind = FILTER_MITCHELL, .b = 1 }));
     assert_false(job_in_fours(&(struct filter_spec){ .kind = FILTER_GAUSSIAN, .c = 1 }));
+    assert_true(job_in_fours(&(struct filter_spec){ .kind = FILTER_SINC, .radius = { 1, 4 } }));
+    assert_false(job_in_fours(&(struct filter_spec){ .kind = FILTER_SINC, .radius = { 1, 1 } }));
 }
 
 static void tiles_cover_the_crop_window_once(void **state)

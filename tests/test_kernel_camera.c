@@ -174,6 +174,9 @@ static const struct filter_spec filters[] = {
     { .kind = FILTER_MITCHELL, .radius = { 2, 2 }, .b = 1 / 3.0f, .c = 1 / 3.0f },
     { .kind = FILTER_MITCHELL, .radius = { 3, 2 }, .b = 0, .c = 0.5f },
     { .kind = FILTER_MITCHELL, .radius = { 2, 2 }, .b = 1, .c = 0 },
+    { .kind = FILTER_SINC, .radius = { 4, 4 }, .tau = 3 },
+    { .kind = FILTER_SINC, .radius = { 1, 2.7f }, .tau = 2.5f }, /* along x all is positive */
+    { .kind = FILTER_SINC, .radius = { 6, 5 }, .tau = 1000 },
 };
 #define FILTERS (sizeof(filters) / sizeof(filters[0]))
 
@@ -181,11 +184,15 @@ static const struct filter_spec filters[] = {
 static double filter_value(const struct filter_spec *f, int axis, double x)
 {
     double a = fabs(x), r = (double)f->radius[axis], s = (double)f->sigma, b = (double)f->b,
-           c = (double)f->c;
+           c = (double)f->c, tau = (double)f->tau;
     if (f->kind == FILTER_TRIANGLE)
         return 1 - a;
     if (f->kind == FILTER_GAUSSIAN)
         return exp(-a * a * r * r / (2 * s * s)) - exp(-r * r / (2 * s * s));
+    if (f->kind == FILTER_SINC)
+        return a == 0 ? 1
+                      : sin(M_PI * a * r) * sin(M_PI * a * r / tau) /
+                            (M_PI * M_PI * a * a * r * r / tau);
     if (f->kind != FILTER_MITCHELL)
         return 1;
     a *= 2;
@@ -274,29 +281,89 @@ static void samples_weigh_what_the_filter_says(void **state)
     }
 }
 
+static void expect_fours(const struct filter_spec *f)
+{
+    static struct filter_table table;
+    filter_table_make(&table, f);
+    const float values[] = { 1, 0.3f, 1e-3f, 12345.678f };
+    for (int i = 0; table.has_negative && i < 4; i++) {
+        double sum = 0;
+        for (int k = 0; k < 4; k++)
+            sum += (double)(k == 3 ? table.weight_negative : table.weight_positive) *
+                   (double)values[i];
+        if ((float)sum != 4 * values[i])
+            fail_msg("b %g, c %g, tau %g: four of %g are %.9g", (double)f->b, (double)f->c,
+                     (double)f->tau, (double)values[i], sum);
+    }
+    if (table.has_negative && !job_in_fours(f))
+        fail_msg("b %g, c %g, tau %g: this filter is not known to want samples in fours",
+                 (double)f->b, (double)f->c, (double)f->tau);
+}
+
 static void four_samples_of_a_constant_image_sum_to_four(void **state)
 {
     (void)state;
-    static struct filter_table table;
     for (int b = 0; b <= 10; b++)
-        for (int c = 0; c <= 10; c++) {
-            struct filter_spec f = {
-                .kind = FILTER_MITCHELL, .radius = { 2, 2 }, .b = (float)b / 10, .c = (float)c / 10
-            };
-            filter_table_make(&table, &f);
-            if (!table.has_negative)
-                continue;
-            const float values[] = { 1, 0.3f, 1e-3f, 12345.678f };
-            for (int i = 0; i < 4; i++) {
-                double sum = 0;
-                for (int k = 0; k < 4; k++)
-                    sum += (double)(k == 3 ? table.weight_negative : table.weight_positive) *
-                           (double)values[i];
-                if ((float)sum != 4 * values[i])
-                    fail_msg("b %g, c %g: four of %g are %.9g", (double)f.b, (double)f.c,
-                             (double)values[i], sum);
-            }
+        for (int c = 0; c <= 10; c++)
+            expect_fours(&(struct filter_spec){ .kind = FILTER_MITCHELL,
+                                                .radius = { 2, 2 },
+                                                .b = (float)b / 10,
+                                                .c = (float)c / 10 });
+    static const float taus[] = { 1, 1.0001f, 1.7f, 3, 8, 1000 };
+    for (int i = 0; i < 36; i++)
+        expect_fours(&(struct filter_spec){ .kind = FILTER_SINC,
+                                            .radius = { 0.5f + (float)(i / 6) * 3.1f, 1 },
+                                            .tau = taus[i % 6] });
+}
+
+/* How many samples of a part lie where the filter has the other sign, by more than a step of the
+ * integrals that made its table */
+static unsigned misplaced(const struct filter_spec *f, const struct filter_part *part, double sign)
+{
+    unsigned count = 0;
+    for (int k = 0; k < 20000; k++) {
+        f8 u = (f8_from_i8(i8_lanes()) + 8 * (float)k) / 160000;
+        f8 x = filter_axis_sample(part, f->radius[0], u);
+        for (int lane = 0; lane < LANES; lane++) {
+            double at = (double)x[lane] / (double)f->radius[0];
+            count += !(fabs(at) <= 1) ||
+                     sign * filter_value(f, 0, at) < -4 * (double)f->radius[0] / 65536;
         }
+    }
+    return count;
+}
+
+/* However its window cuts it, each stretch of one sign has a piece of the table to itself */
+static void the_lobes_of_a_sinc_are_kept_apart(void **state)
+{
+    (void)state;
+    static const struct {
+        float radius, tau;
+        int positive, negative;
+    } rows[] = {
+        { 1, 3, 1, 0 },     { 1.001f, 3, 1, 1 },
+        { 2.5f, 3, 2, 1 },  { 4, 3, 2, 1 }, /* past 3 both factors are negative */
+        { 4, 2.5f, 3, 2 },  { 16, 1, 1, 0 },
+        { 16, 1000, 8, 8 }, { 16, 1.01f, 16, 15 },
+    };
+    static struct filter_table table;
+    for (size_t i = 0; i < sizeof(rows) / sizeof(rows[0]); i++) {
+        struct filter_spec f = { .kind = FILTER_SINC,
+                                 .radius = { rows[i].radius, rows[i].radius },
+                                 .tau = rows[i].tau };
+        filter_table_make(&table, &f);
+        assert_int_equal(table.positive[0].lobes, rows[i].positive);
+        assert_int_equal(table.negative[0].lobes, rows[i].negative);
+        assert_int_equal(misplaced(&f, &table.positive[0], 1), 0);
+        if (rows[i].negative > 0)
+            assert_int_equal(misplaced(&f, &table.negative[0], -1), 0);
+
+        /* Planted: one table for all, in which some samples fall between two lobes */
+        table.positive[0].lobes = 1;
+        table.positive[0].step[0] = FILTER_TABLE_LEN;
+        if (rows[i].radius == 4)
+            assert_true(misplaced(&f, &table.positive[0], 1) > 0);
+    }
 }
 
 static void a_constant_image_stays_constant_under_every_filter(void **state)
@@ -305,8 +372,8 @@ static void a_constant_image_stays_constant_under_every_filter(void **state)
     for (size_t i = 0; i < FILTERS; i++) {
         struct scene *scene = scenes_begin(20, 20);
         scene->settings.filter = filters[i];
-        static const float lenses[] = { 0.1f, 0, 1e-3f, 5, 100, 0.1f, 0.1f };
-        static const float focus[] = { 2, 2, 1e-3f, 2, 1e6f, INFINITY, 1e-6f };
+        static const float lenses[FILTERS] = { 0.1f, 0, 1e-3f, 5, 100, 0.1f, 0.1f };
+        static const float focus[FILTERS] = { 2, 2, 1e-3f, 2, 1e6f, INFINITY, 1e-6f };
         scene->settings.camera.lens_radius = lenses[i]; /* nor does a lens change it: H19 */
         scene->settings.camera.focal_distance = focus[i];
         scenes_sky(scene, 0.7f);
@@ -344,6 +411,7 @@ int main(void)
         cmocka_unit_test(points_on_the_lens_are_uniform),
         cmocka_unit_test(samples_weigh_what_the_filter_says),
         cmocka_unit_test(four_samples_of_a_constant_image_sum_to_four),
+        cmocka_unit_test(the_lobes_of_a_sinc_are_kept_apart),
         cmocka_unit_test(a_constant_image_stays_constant_under_every_filter),
         cmocka_unit_test(the_pixel_box_has_the_same_bits_in_every_variant),
     };

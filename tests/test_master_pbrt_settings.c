@@ -129,6 +129,12 @@ static void samplers_filters_and_integrators_are_read(void **state)
     EXPECT_NEAR(s->settings.filter.radius[1], 2, 0);
     assert_int_equal(s->settings.max_depth, 7);
     scene_free(s);
+    s = scene_of("PixelFilter \"sinc\" \"float yradius\" 2.5 WorldBegin");
+    assert_int_equal(s->settings.filter.kind, FILTER_SINC);
+    EXPECT_NEAR(s->settings.filter.radius[0], 4, 0);
+    EXPECT_NEAR(s->settings.filter.radius[1], 2.5, 0);
+    EXPECT_NEAR(s->settings.filter.tau, 3, 0);
+    scene_free(s);
     s = scene_of("WorldBegin"); /* pbrt's defaults, but no depth limit */
     assert_int_equal(s->settings.filter.kind, FILTER_GAUSSIAN);
     EXPECT_NEAR(s->settings.filter.sigma, 0.5, 0);

@@ -204,6 +204,14 @@ static void worker_start(struct farm *farm, const struct session_options *option
     assert_non_null(farm->session);
 }
 
+/* A farm and its worker, of whom nothing more is wanted */
+static void farm_start(struct farm *farm)
+{
+    farm_open(farm);
+    struct session_options options = some_options(farm);
+    worker_start(farm, &options);
+}
+
 static void turn(struct farm *farm)
 {
     uv_run(&farm->loop, UV_RUN_ONCE);
@@ -403,9 +411,7 @@ static void a_lease_comes_back_as_the_sums_of_its_nodes(void **state)
 {
     (void)state;
     struct farm farm;
-    farm_open(&farm);
-    struct session_options options = some_options(&farm);
-    worker_start(&farm, &options);
+    farm_start(&farm);
 
     struct letter *letter = expect(&farm, PATHFARM__KIND__KIND_HELLO);
     const Pathfarm__Hello *hello = letter->message;
@@ -447,9 +453,7 @@ static void results_that_are_not_durable_are_offered_again(void **state)
 {
     (void)state;
     struct farm farm;
-    farm_open(&farm);
-    struct session_options options = some_options(&farm);
-    worker_start(&farm, &options);
+    farm_start(&farm);
     struct letter *letter = expect(&farm, PATHFARM__KIND__KIND_HELLO);
     uint64_t nonce = ((Pathfarm__Hello *)letter->message)->process_nonce;
     letter_free(letter);
@@ -510,10 +514,8 @@ static void a_failing_node_is_reported_and_the_others_are_rendered(void **state)
 {
     (void)state;
     struct farm farm;
-    farm_open(&farm);
-    struct session_options options = some_options(&farm);
     setenv("PATHFARM_SIMULATED_FAIL", "1", 1);
-    worker_start(&farm, &options);
+    farm_start(&farm);
     greet_and_load(&farm, 1);
     unsetenv("PATHFARM_SIMULATED_FAIL");
     send_lease(&farm, 1, 9, 5, &six_nodes[1], 1);
@@ -668,9 +670,7 @@ static void a_master_out_of_turn_is_refused_and_met_again(void **state)
     };
     for (int i = 0; i < CASES; i++) {
         struct farm farm;
-        farm_open(&farm);
-        struct session_options options = some_options(&farm);
-        worker_start(&farm, &options);
+        farm_start(&farm);
         greet_and_load(&farm, 1);
         Pathfarm__ObjectSlice slice = PATHFARM__OBJECT_SLICE__INIT;
         switch (i) {
@@ -710,9 +710,7 @@ static void an_old_master_is_refused(void **state)
 {
     (void)state;
     struct farm farm;
-    farm_open(&farm);
-    struct session_options options = some_options(&farm);
-    worker_start(&farm, &options);
+    farm_start(&farm);
     greet(&farm); /* epoch 5 */
     letter_free(expect(&farm, PATHFARM__KIND__KIND_PROGRESS));
     channel_close(farm.channel);
@@ -730,9 +728,7 @@ static void a_message_in_the_wrong_phase_ends_the_connection(void **state)
 {
     (void)state;
     struct farm farm;
-    farm_open(&farm);
-    struct session_options options = some_options(&farm);
-    worker_start(&farm, &options);
+    farm_start(&farm);
     letter_free(expect(&farm, PATHFARM__KIND__KIND_HELLO));
     send_job(&farm, 1); /* before WELCOME */
     wait_for_connection(&farm, 2);
@@ -747,9 +743,7 @@ static void a_silent_master_is_left(void **state)
 {
     (void)state;
     struct farm farm;
-    farm_open(&farm);
-    struct session_options options = some_options(&farm);
-    worker_start(&farm, &options);
+    farm_start(&farm);
     letter_free(expect(&farm, PATHFARM__KIND__KIND_HELLO));
     send_welcome(&farm, 5, 60);
     wait_for_connection(&farm, 2);
@@ -761,10 +755,8 @@ static void a_worker_that_is_told_to_stop_hands_in_what_it_began(void **state)
 {
     (void)state;
     struct farm farm;
-    farm_open(&farm);
-    struct session_options options = some_options(&farm);
     setenv("PATHFARM_SIMULATED_US", "20000", 1);
-    worker_start(&farm, &options);
+    farm_start(&farm);
     greet_and_load(&farm, 1);
     unsetenv("PATHFARM_SIMULATED_US");
     struct node_id nodes[20];

@@ -30,12 +30,15 @@ LANE_FN struct vec2x8 disk_from_square(f8 u, f8 v)
 }
 
 /* One axis of the filter: a table entry for the magnitude, the upper half of u for the sign */
-LANE_FN f8 filter_axis_sample(const float *table, float radius, f8 u)
+LANE_FN f8 filter_axis_sample(const struct filter_part *part, float radius, f8 u)
 {
-    f8 folded = f8_abs(2 * u - 1) * (float)FILTER_TABLE_LEN;
-    i8 i = i8_from_f8(f8_min(folded, F8(FILTER_TABLE_LEN - 1)));
-    f8 t = folded - f8_from_i8(i);
-    f8 low = f8_gather(table, i), high = f8_gather(table, i + 1);
+    f8 folded = f8_abs(2 * u - 1), at = folded * part->step[0];
+    for (int lobe = 1; lobe < part->lobes; lobe++)
+        at = f8_select(folded < part->begin[lobe], f8_min(at, F8(part->first[lobe] - 1)),
+                       part->first[lobe] + (folded - part->begin[lobe]) * part->step[lobe]);
+    i8 i = i8_from_f8(f8_min(at, F8(FILTER_TABLE_LEN)));
+    f8 t = at - f8_from_i8(i);
+    f8 low = f8_gather(part->table, i), high = f8_gather(part->table, i + 1);
     f8 x = ((1 - t) * low + t * high) * radius;
     return f8_select(u < 0.5f, -x, x);
 }
@@ -51,15 +54,15 @@ LANE_FN struct vec2x8 filter_offset(const struct filter_table *filter, unsigned 
         return (struct vec2x8){ u - 0.5f, v - 0.5f };
     if (filter->kind == FILTER_BOX)
         return (struct vec2x8){ (2 * u - 1) * filter->radius[0], (2 * v - 1) * filter->radius[1] };
-    struct vec2x8 plus = { filter_axis_sample(filter->positive[0], filter->radius[0], u),
-                           filter_axis_sample(filter->positive[1], filter->radius[1], v) };
+    struct vec2x8 plus = { filter_axis_sample(&filter->positive[0], filter->radius[0], u),
+                           filter_axis_sample(&filter->positive[1], filter->radius[1], v) };
     if (!filter->has_negative)
         return plus;
-    struct vec2x8 minus = { filter_axis_sample(filter->negative[0], filter->radius[0], u),
-                            filter_axis_sample(filter->negative[1], filter->radius[1], v) };
+    struct vec2x8 minus = { filter_axis_sample(&filter->negative[0], filter->radius[0], u),
+                            filter_axis_sample(&filter->negative[1], filter->radius[1], v) };
     /* One axis negative gives a negative lobe, none or both a positive one */
     i8 both = ~negative & (lobe >= filter->both_positive);
-    i8 only_x = negative & (lobe < 0.5f), only_y = negative & ~only_x;
+    i8 only_x = negative & (lobe < filter->only_x), only_y = negative & ~only_x;
     return (struct vec2x8){ f8_select(both | only_x, minus.x, plus.x),
                             f8_select(both | only_y, minus.y, plus.y) };
 }
