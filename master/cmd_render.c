@@ -2,7 +2,7 @@
 
 #include "common/err.h"
 #include "common/scene.h"
-#include "master/estimate.h"
+#include "master/ledger.h"
 #include "master/farm.h"
 #include "master/film.h"
 #include "master/job_setup.h"

@@ -154,8 +154,8 @@ bool intake_end_round(struct intake *in, double wall_s, double core_s, struct er
     struct node_stats stats;
     film_stats(in->film, &stats);
     struct accuracy accuracy = estimate_result(in->estimate);
-    rows[in->row_count++] = estimate_row(film_rounds(in->film) - 1, film_spp(in->film), wall_s,
-                                         core_s, &accuracy, &stats);
+    rows[in->row_count++] = ledger_row_of(film_rounds(in->film) - 1, film_spp(in->film), wall_s,
+                                          core_s, &accuracy, &stats);
     return true;
 }
 

@@ -10,7 +10,7 @@
 #define MASTER_INTAKE_H
 
 #include "common/job.h"
-#include "master/estimate.h"
+#include "master/ledger.h"
 
 #include <stdbool.h>
 #include <stddef.h>

@@ -7,7 +7,7 @@
 #define MASTER_REPORT_H
 
 #include "common/sumtree.h"
-#include "master/estimate.h"
+#include "master/ledger.h"
 #include "proto/digest.h"
 
 #include <stdbool.h>
