@@ -1,8 +1,8 @@
 #include "master/ledger.h"
 
-#include "common/elem.h"
-
-#include <math.h>
+#include <inttypes.h>
+#include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 struct ledger_row ledger_row_of(unsigned round, uint64_t spp, double wall_s, double core_s,
@@ -25,62 +25,38 @@ struct ledger_row ledger_row_of(unsigned round, uint64_t spp, double wall_s, dou
     return row;
 }
 
-static bool fits(const struct ledger_row *row)
+static void put_row(FILE *out, const struct ledger_row *row)
 {
-    return row->accuracy.verdict == ACCURACY_KNOWN && row->accuracy.relmse > 0 && row->spp > 0;
+    const struct accuracy *a = &row->accuracy;
+    fprintf(out, "%u,%" PRIu64 ",%.9g,%.9g,", row->round, row->spp, row->core_s, row->wall_s);
+    if (a->verdict == ACCURACY_KNOWN)
+        fprintf(out, "%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,,", a->rmse, a->rmse95.low, a->rmse95.high,
+                a->relmse, a->relmse95.low, a->relmse95.high);
+    else
+        fprintf(out, ",,,,,,%s,", estimate_verdict_text(a->verdict));
+    fprintf(out, "%.9g,%" PRIu64 ",%" PRIu64 ",%" PRIu64 ",%" PRIu64 ",%.9g", a->unknown_share,
+            row->samples, row->rays_closest, row->rays_shadow, row->truncated_paths,
+            row->truncated_energy);
+    fprintf(out, ",%" PRIu64 ",%" PRIu64 ",%" PRIu64 "\n", row->nonfinite[NONFINITE_NAN],
+            row->nonfinite[NONFINITE_INF], row->nonfinite[NONFINITE_NEGATIVE]);
 }
 
-struct error_fit ledger_fit(const struct ledger_row *rows, size_t count)
+char *ledger_csv(const struct ledger_row *rows, size_t count)
 {
-    double n = 0, mean_x = 0, mean_y = 0;
-    for (size_t i = 0; i < count; i++) {
-        if (!fits(&rows[i]))
-            continue;
-        n++;
-        mean_x += (elem_log((double)rows[i].spp) - mean_x) / n;
-        mean_y += (elem_log(rows[i].accuracy.relmse) - mean_y) / n;
-    }
-    double xx = 0, xy = 0, yy = 0;
-    for (size_t i = 0; i < count; i++) {
-        if (!fits(&rows[i]))
-            continue;
-        double x = elem_log((double)rows[i].spp) - mean_x;
-        double y = elem_log(rows[i].accuracy.relmse) - mean_y;
-        xx += x * x;
-        xy += x * y;
-        yy += y * y;
-    }
-    struct error_fit fit = { (size_t)n, NAN, NAN, NAN };
-    if (n < 3 || !(xx > 0))
-        return fit;
-    fit.slope = xy / xx;
-    fit.intercept = mean_y - fit.slope * mean_x;
-    double residual = yy - fit.slope * xy;
-    fit.slope_stderr = residual > 0 ? sqrt(residual / (n - 2) / xx) : 0;
-    return fit;
-}
-
-double ledger_spp_for(const struct error_fit *fit, double relmse)
-{
-    if (!(fit->slope < 0) || !(relmse > 0))
-        return INFINITY;
-    return elem_exp((elem_log(relmse) - fit->intercept) / fit->slope);
-}
-
-double ledger_seconds_left(const struct ledger_row *rows, size_t count, double spp)
-{
-    if (count == 0 || rows[count - 1].spp == 0)
-        return INFINITY;
-    const struct ledger_row *last = &rows[count - 1];
-    double since_s = 0, since_spp = 0; /* without an earlier row the pace includes the start-up */
-    for (size_t i = count - 1; i-- > 0;)
-        if (rows[i].spp <= last->spp / 2 || i == 0) {
-            since_s = rows[i].wall_s;
-            since_spp = (double)rows[i].spp;
-            break;
-        }
-    double done = (double)last->spp - since_spp, left = spp - (double)last->spp;
-    if (left <= 0)
-        return 0;
-    return done > 0 ? left * (last->wall_s - since_s) / done : INFINITY;
+    char *text = NULL;
+    size_t size;
+    FILE *out = open_memstream(&text, &size);
+    if (out == NULL)
+        return NULL;
+    fputs("round,spp,core_seconds,wall_seconds,rmse,rmse_low,rmse_high,relmse,relmse_low,"
+          "relmse_high,unknown,unknown_share,camera_paths,rays_closest,rays_shadow,"
+          "truncated_paths,truncated_energy_per_path,nan,infinite,negative\n",
+          out);
+    for (size_t i = 0; i < count; i++)
+        put_row(out, &rows[i]);
+    bool whole = ferror(out) == 0;
+    if (fclose(out) == 0 && whole)
+        return text;
+    free(text);
+    return NULL;
 }

@@ -1,6 +1,7 @@
 /*
- * The accuracy ledger of a job: a row for every round that ended, and what its rows say about the
- * rounds to come. Fits and predictions are for people, and use logarithms.
+ * The accuracy ledger of a job: a row for every round that ended, which says what it had cost by
+ * then and how wrong it was. Rows are plain data; what they say about the rounds to come is
+ * master/predict.h.
  *
  * Pure: time is passed in.
  */
@@ -16,7 +17,8 @@
 struct ledger_row {
     unsigned round;
     uint64_t spp;
-    double wall_s, core_s; /* passed in: since the job began */
+    double wall_s; /* passed in: since the job began */
+    double core_s; /* passed in: of the workers' cores, for what is in this round's picture */
     struct accuracy accuracy;
     uint64_t samples, rays_closest, rays_shadow;
     uint64_t nonfinite[NONFINITE_CAUSES];
@@ -28,20 +30,10 @@ struct ledger_row ledger_row_of(unsigned round, uint64_t spp, double wall_s, dou
                                 const struct accuracy *accuracy, const struct node_stats *stats);
 
 /*
- * ln relMSE = intercept + slope * ln spp, by least squares over the rows whose error is known. The
- * rows share samples, so slope_stderr is a lower bound. `rows` counts those used; below 3 there is
- * no fit, and the other fields are not numbers.
+ * The rows as CSV text: a header line, then a line for each round. Where the error is unknown its
+ * fields are empty and `unknown` says why; an interval without an upper end ends at "inf". To be
+ * released with free(); NULL when memory runs out.
  */
-struct error_fit {
-    size_t rows;
-    double slope, slope_stderr, intercept;
-};
-struct error_fit ledger_fit(const struct ledger_row *rows, size_t count);
-
-/* Samples per pixel at which the fit meets the target; +inf when it never does or is no fit. */
-double ledger_spp_for(const struct error_fit *fit, double relmse);
-
-/* Wall seconds from the last row until `spp`, at the pace of the last half; +inf without rows. */
-double ledger_seconds_left(const struct ledger_row *rows, size_t count, double spp);
+char *ledger_csv(const struct ledger_row *rows, size_t count);
 
 #endif
