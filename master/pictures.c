@@ -12,7 +12,6 @@
 
 #include <assert.h>
 #include <math.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -61,18 +60,6 @@ void pictures_free(struct pictures *p)
     free(p);
 }
 
-/* printf into an attribute; false: out of memory. */
-__attribute__((format(printf, 3, 4))) static bool note(struct image *image, const char *name,
-                                                       const char *format, ...)
-{
-    char text[64];
-    va_list args;
-    va_start(args, format);
-    vsnprintf(text, sizeof(text), format, args);
-    va_end(args);
-    return image_set_attribute(image, name, text);
-}
-
 /* The last row of the ledger, figure by figure, and all of it. An error that is unknown is no
  * number. */
 static bool add_ledger(const struct pictures *p, struct image *image, const struct ledger_row *row)
@@ -96,13 +83,14 @@ static bool add_ledger(const struct pictures *p, struct image *image, const stru
     };
     bool fine = image_set_attribute(image, "pathfarm.error", estimate_verdict_text(a->verdict)) &&
                 image_set_attribute(image, "pathfarm.ledger", p->ledger) &&
-                note(image, "pathfarm.nonfinite", "nan %llu, infinite %llu, negative %llu",
-                     (unsigned long long)row->nonfinite[NONFINITE_NAN],
-                     (unsigned long long)row->nonfinite[NONFINITE_INF],
-                     (unsigned long long)row->nonfinite[NONFINITE_NEGATIVE]);
+                image_note(image, "pathfarm.nonfinite", "nan %llu, infinite %llu, negative %llu",
+                           (unsigned long long)row->nonfinite[NONFINITE_NAN],
+                           (unsigned long long)row->nonfinite[NONFINITE_INF],
+                           (unsigned long long)row->nonfinite[NONFINITE_NEGATIVE]);
     for (size_t i = 0; i < sizeof(numbers) / sizeof(numbers[0]) && fine; i++)
-        fine = isnan(numbers[i].value) ? image_set_attribute(image, numbers[i].name, "unknown")
-                                       : note(image, numbers[i].name, "%.9g", numbers[i].value);
+        fine = isnan(numbers[i].value)
+                   ? image_set_attribute(image, numbers[i].name, "unknown")
+                   : image_note(image, numbers[i].name, "%.9g", numbers[i].value);
     return fine;
 }
 
@@ -126,12 +114,13 @@ static bool add_facts(const struct pictures *p, struct image *image,
         if (!image_set_attribute(image, attributes[i].name, attributes[i].text))
             return false;
     }
-    return note(image, "pathfarm.seed", "%llu", (unsigned long long)f->spec->seed) &&
-           note(image, "pathfarm.spp", "%llu", (unsigned long long)film_spp(p->film)) &&
-           note(image, "pathfarm.replicates", "%u", f->spec->replicates) &&
-           note(image, "pathfarm.stderrDof", "%u", f->spec->replicates - 1) &&
-           (!f->format.half || note(image, "pathfarm.clampedToHalf", "%llu",
-                                    (unsigned long long)exr_values_clamped(image, &f->format))) &&
+    return image_note(image, "pathfarm.seed", "%llu", (unsigned long long)f->spec->seed) &&
+           image_note(image, "pathfarm.spp", "%llu", (unsigned long long)film_spp(p->film)) &&
+           image_note(image, "pathfarm.replicates", "%u", f->spec->replicates) &&
+           image_note(image, "pathfarm.stderrDof", "%u", f->spec->replicates - 1) &&
+           (!f->format.half ||
+            image_note(image, "pathfarm.clampedToHalf", "%llu",
+                       (unsigned long long)exr_values_clamped(image, &f->format))) &&
            (moment->row_count == 0 || add_ledger(p, image, &moment->rows[moment->row_count - 1]));
 }
 
