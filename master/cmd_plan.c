@@ -44,7 +44,7 @@ static void print_plan(const struct job_setup *setup, const struct bundle *bundl
     if (setup->spp > 0)
         printf("samples     %" PRIu64 " per pixel", setup->spp);
     else
-        printf("samples     by time");
+        printf("samples     until another limit is met");
     printf(", %" PRIu32 " replicates, leaves of %" PRIu32 ", sampler %s\n", setup->spec.replicates,
            setup->spec.leaf_samples, job_setup_sampler_name(s->sampler));
     printf("geometry    %" PRIu32 " triangles in %" PRIu32 " meshes, %" PRIu32

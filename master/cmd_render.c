@@ -2,10 +2,10 @@
 
 #include "common/err.h"
 #include "common/scene.h"
-#include "master/estimate.h"
 #include "master/farm.h"
 #include "master/film.h"
 #include "master/job_setup.h"
+#include "master/ledger.h"
 #include "master/local_workers.h"
 #include "master/options.h"
 #include "master/pictures.h"
@@ -23,10 +23,13 @@
 #include <string.h>
 #include <unistd.h>
 
-#define GRACE_MS     3000 /* for local workers to leave by themselves */
-#define TEV_GRACE_MS 2000
-#define PROGRESS_MS  250
-#define BUILD        "pathfarm " PATHFARM_VERSION ", " __VERSION__
+#define GRACE_MS          3000 /* for local workers to leave by themselves */
+#define TEV_GRACE_MS      2000
+#define PROGRESS_MS       250
+#define PREDICTION_MS     1000 /* between lines of a log; short jobs have rounds faster than that */
+#define FULL_LEASES_S     30   /* --time from which leases are as long as usual */
+#define SHORTEST_LEASE_MS 50
+#define BUILD             "pathfarm " PATHFARM_VERSION ", " __VERSION__
 
 struct render {
     struct render_options options;
@@ -46,6 +49,8 @@ struct render {
     struct progress progress;
     uint64_t shown_samples;
     double shown_s, mpaths_per_s;
+    uint64_t began_ms, predicted_ms;
+    char needs[160]; /* what is predicted for --error */
 
     bool ended, interrupted;
     struct err why; /* ERR_OK: done */
@@ -92,17 +97,49 @@ static void on_show(uv_timer_t *timer)
     progress_show(&r->progress, &state, uv_now(&r->loop));
 }
 
+static struct picture_moment moment_of(const struct render *r, bool complete)
+{
+    struct picture_moment moment = {
+        .picture = farm_picture(r->farm),
+        .stopped_by = farm_status(r->farm).stopped_by,
+        .complete = complete,
+    };
+    moment.rows = farm_ledger(r->farm, &moment.row_count);
+    return moment;
+}
+
 static void on_refresh(uv_timer_t *timer)
 {
     struct render *r = timer->data;
+    struct picture_moment moment = moment_of(r, false);
     if (!r->ended)
-        pictures_refresh(r->pictures, farm_picture(r->farm), say, r);
+        pictures_refresh(r->pictures, &moment, say, r);
+}
+
+/* What the target needs: on the line that is rewritten, or a line of the log now and then. */
+static void tell_prediction(struct render *r)
+{
+    size_t count;
+    const struct ledger_row *rows = farm_ledger(r->farm, &count), *now = &rows[count - 1];
+    struct predict_job job = farm_predict_job(r->farm);
+    struct prediction prediction;
+    r->progress.note = NULL;
+    if (job.relmse <= 0 || limits_met(&r->setup.limits, now) ||
+        !predict_end(&job, rows, count, &prediction))
+        return;
+    r->progress.note = predict_text(&prediction, now, job.relmse, r->needs, sizeof(r->needs));
+    if (r->options.quiet || r->progress.terminal || uv_now(&r->loop) < r->predicted_ms)
+        return;
+    progress_say(&r->progress, "after %" PRIu64 " spp: relMSE %.3g; %s (90 %%)", now->spp,
+                 now->accuracy.relmse, r->needs);
+    r->predicted_ms = uv_now(&r->loop) + PREDICTION_MS;
 }
 
 static void on_round(void *owner)
 {
-    const struct render *r = owner;
+    struct render *r = owner;
     tev_update(r->tev, farm_picture(r->farm));
+    tell_prediction(r);
 }
 
 static void on_end(void *owner, const struct err *why)
@@ -164,7 +201,11 @@ static struct farm_settings farm_settings_of(const struct render *r)
     s.keys = r->keys;
     s.heartbeat_ms = o->heartbeat_ms > 0 ? o->heartbeat_ms : s.heartbeat_ms;
     s.dead_after_ms = o->dead_after_ms > 0 ? o->dead_after_ms : s.dead_after_ms;
-    s.schedule.lease_target_ms = o->lease_ms > 0 ? o->lease_ms : s.schedule.lease_target_ms;
+    if (o->lease_ms > 0)
+        s.schedule.lease_target_ms = o->lease_ms;
+    else if (o->time_s > 0 && o->time_s < FULL_LEASES_S) /* short times are met by small leases */
+        s.schedule.lease_target_ms = (uint32_t)fmax(
+            s.schedule.lease_target_ms * o->time_s / FULL_LEASES_S, SHORTEST_LEASE_MS);
     s.schedule.speculate_ms = s.schedule.lease_target_ms / 2;
     if (o->leases_in_flight > 0)
         s.schedule.leases_per_worker = o->leases_in_flight;
@@ -216,8 +257,8 @@ static bool open_farm(struct render *r, struct err *err)
         .bundle = r->bundle,
         .film = r->film,
         .title = r->options.scene,
-        .rounds = r->setup.rounds,
-        .time_s = r->options.time_s,
+        .limits = r->setup.limits,
+        .elapsed_s = (double)(uv_hrtime() / 1000000 - r->began_ms) / 1000,
         .local_workers = r->options.workers > 0,
     };
     r->farm = farm_open(&r->loop, &settings, &job, &EVENTS, r, err);
@@ -262,10 +303,38 @@ static void open_guests(struct render *r)
 
 /* ---- after */
 
+/* Why the job ended where it did, behind "N samples per pixel"; "" where only samples were asked
+ * for. */
+static const char *ending(const struct render *r, char *text, size_t capacity)
+{
+    const struct limits *limits = &r->setup.limits;
+    enum limit by = farm_status(r->farm).stopped_by;
+    size_t count;
+    const struct ledger_row *rows = farm_ledger(r->farm, &count);
+    const struct accuracy *accuracy = &rows[count - 1].accuracy;
+    text[0] = '\0';
+    if (!limits_are_open(limits))
+        return text;
+    int length = snprintf(text, capacity, ", stopped by --%s", limits_text(by));
+    if (limits->relmse <= 0)
+        return text;
+    text += length;
+    capacity -= (size_t)length;
+    const char *reached = by == LIMIT_ERROR ? "" : "the target was not reached, ";
+    if (accuracy->verdict == ACCURACY_KNOWN)
+        snprintf(text, capacity, ": %srelMSE %.3g, %.3g to %.3g (95 %%)", reached, accuracy->relmse,
+                 accuracy->relmse95.low, accuracy->relmse95.high);
+    else
+        snprintf(text, capacity, ": %sthe error is unknown (%s)", reached,
+                 estimate_verdict_text(accuracy->verdict));
+    return text - length;
+}
+
 /* The picture of the sealed rounds, and the report. True when everything asked for was done. */
 static bool finish(struct render *r)
 {
     bool done = r->why.code == ERR_OK;
+    char why[256];
     struct err err;
     struct progress_state last = progress_of(r);
     if (!r->options.quiet)
@@ -279,7 +348,8 @@ static bool finish(struct render *r)
         fprintf(stderr, "no round was finished: nothing is written\n");
         return false;
     }
-    if (!pictures_write(r->pictures, farm_picture(r->farm), done, &err)) {
+    struct picture_moment moment = moment_of(r, done);
+    if (!pictures_write(r->pictures, &moment, &err)) {
         fprintf(stderr, "%s\n", err.text);
         return false;
     }
@@ -291,8 +361,8 @@ static bool finish(struct render *r)
         fprintf(stderr, "%s holds the %" PRIu64 " samples per pixel that were finished\n",
                 r->options.output, film_spp(r->film));
     else if (!r->options.quiet)
-        fprintf(stderr, "%s, %s: %" PRIu64 " samples per pixel\n", r->options.output,
-                r->options.png, film_spp(r->film));
+        fprintf(stderr, "%s, %s: %" PRIu64 " samples per pixel%s\n", r->options.output,
+                r->options.png, film_spp(r->film), ending(r, why, sizeof(why)));
     if (r->options.report != NULL) {
         struct render_summary summary = {
             .command = r->command,
@@ -341,14 +411,18 @@ static int run(struct render *r)
     if (!open_farm(r, &err))
         goto fail_farm;
     facts.profile_text = farm_profile_text(r->farm);
-    r->pictures = pictures_new(&r->loop, r->film, &facts, r->options.output, r->options.png);
+    const struct picture_paths paths = {
+        .exr = r->options.output,
+        .png = r->options.png,
+        .heat = r->options.heat,
+        .ledger = r->options.ledger,
+    };
+    r->pictures = pictures_new(&r->loop, r->film, &facts, &paths);
     if (r->pictures == NULL) {
         err_set(&err, ERR_MEMORY, "no memory for pictures");
         goto fail_pictures;
     }
-    /* With --time nobody knows yet how many rounds there will be */
-    unsigned rounds = r->setup.spp_asked == 0 ? ROUND_COUNT : r->setup.rounds;
-    if (!film_take_memory(r->film, rounds, &err))
+    if (!film_take_memory(r->film, r->setup.limits.rounds, &err))
         goto fail_memory;
     start_timers(r);
     open_guests(r);
@@ -406,6 +480,7 @@ int cmd_render(int argc, char **argv)
         fprintf(stderr, "no memory\n");
         return 1;
     }
+    r->began_ms = uv_hrtime() / 1000000;
     switch (options_parse(argc, argv, true, &r->options, &err)) {
     case OPTIONS_HELP:
         print_help();
@@ -430,8 +505,8 @@ int cmd_render(int argc, char **argv)
     r->bundle = bundle_from_scene(r->setup.scene, &r->setup.spec, &err);
     if (r->bundle == NULL)
         goto fail;
-    r->film = film_new(r->setup.scene, &r->setup.spec, r->setup.rounds, memory_bytes() / 4 * 3,
-                       &err);
+    unsigned rounds = limits_are_open(&r->setup.limits) ? 1 : r->setup.limits.rounds;
+    r->film = film_new(r->setup.scene, &r->setup.spec, rounds, memory_bytes() / 4 * 3, &err);
     if (r->film == NULL)
         goto fail;
     status = run(r);

@@ -1,6 +1,5 @@
 /*
- * How wrong is this picture? The error estimate of an image from its K replicates, the rows of the
- * accuracy ledger made of it, and what can be predicted from them.
+ * How wrong is this picture? The error estimate of an image from its K replicates.
  *
  * What is estimated: the error of the image mean x that a comparison with the truth r would find,
  *     MSE    = mean over pixels and channels of (x - r)^2
@@ -31,13 +30,11 @@
  *     pixels, even for lognormal replicate means. Above, it widens, and on pictures whose detail is
  *     lost in the noise the estimate reads high, by up to a half.
  *
- * Only + - * / and sqrt decide these numbers, in tile order: the same on every machine. (Fits and
- * predictions are for people, and use logarithms.) Thread: one at a time.
+ * Only + - * / and sqrt decide these numbers, in tile order: the same on every machine. Thread: one
+ * at a time.
  */
 #ifndef MASTER_ESTIMATE_H
 #define MASTER_ESTIMATE_H
-
-#include "common/sumtree.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -98,37 +95,5 @@ const char *estimate_verdict_text(enum accuracy_verdict verdict);
 double estimate_student(double dof);
 /* The 2.5 % and 97.5 % quantiles of F(n, m), with z standard deviations instead of 1.96. */
 struct interval estimate_f95(double n, double m, double z);
-
-/* A row of the accuracy ledger, one per round. */
-struct ledger_row {
-    unsigned round;
-    uint64_t spp;
-    double wall_s, core_s; /* passed in: since the job began */
-    struct accuracy accuracy;
-    uint64_t samples, rays_closest, rays_shadow;
-    uint64_t nonfinite[NONFINITE_CAUSES];
-    uint64_t truncated_paths;
-    double truncated_energy; /* mean per camera path: compares with pixel values */
-};
-
-struct ledger_row estimate_row(unsigned round, uint64_t spp, double wall_s, double core_s,
-                               const struct accuracy *accuracy, const struct node_stats *stats);
-
-/*
- * ln relMSE = intercept + slope * ln spp, by least squares over the rows whose error is known. The
- * rows share samples, so slope_stderr is a lower bound. `rows` counts those used; below 3 there is
- * no fit, and the other fields are not numbers.
- */
-struct error_fit {
-    size_t rows;
-    double slope, slope_stderr, intercept;
-};
-struct error_fit estimate_fit(const struct ledger_row *rows, size_t count);
-
-/* Samples per pixel at which the fit meets the target; +inf when it never does or is no fit. */
-double estimate_spp_for(const struct error_fit *fit, double relmse);
-
-/* Wall seconds from the last row until `spp`, at the pace of the last half; +inf without rows. */
-double estimate_seconds_left(const struct ledger_row *rows, size_t count, double spp);
 
 #endif

@@ -1,6 +1,7 @@
 #include "master/farm.h"
 
 #include "common/job.h"
+#include "common/scene.h"
 #include "master/dues.h"
 #include "master/film.h"
 #include "master/intake.h"
@@ -85,30 +86,74 @@ static void on_round(void *owner, unsigned round)
 {
     struct farm *farm = owner;
     struct err err;
-    (void)round;
     uv_update_time(farm->loop);
-    if (!intake_end_round(farm->intake, seconds_since(farm, farm->opened_ms), farm->core_s, &err))
+    if (!intake_end_round(farm->intake, seconds_since(farm, farm->opened_ms),
+                          spending_until(&farm->spending, round + 1), &err)) {
         farm_end(farm, &err);
-    else if (!farm->ended && farm->events.on_round != NULL)
+        return;
+    }
+    if (!farm->ended && farm->events.on_round != NULL)
         farm->events.on_round(farm->owner);
+    size_t count;
+    const struct ledger_row *rows = farm_ledger(farm, &count);
+    if (limits_met(&farm->job.limits, &rows[count - 1])) {
+        intake_stop(farm->intake);
+        farm->stopped_by = LIMIT_ERROR;
+        farm_end(farm, NULL);
+    }
 }
 
-/* With a time to fill: one more round, as soon as little is left to hand out, if it is predicted to
- * fit in. */
-static void consider_another_round(struct farm *farm)
+/* What the farm expects to spend until so many rounds have ended. */
+static double core_s_left(const struct farm *farm, unsigned rounds)
+{
+    const struct scheduler_settings *s = &farm->settings.schedule;
+    double leaves = (double)pieces_leaves_done(scheduler_pieces(farm->scheduler));
+    return spending_left(&farm->spending, scheduler_sealed(farm->scheduler), rounds,
+                         leaves / ((double)s->tiles * s->replicates));
+}
+
+/* Would the picture of the allowed rounds be one too few? Ahead of the verdict on it only where
+ * that is likely, or nothing is known yet: what is rendered beyond the last round is lost. */
+static bool wants_another_round(const struct farm *farm, unsigned allowed)
+{
+    unsigned sealed = scheduler_sealed(farm->scheduler);
+    if (farm->job.limits.relmse <= 0 || sealed == allowed)
+        return true;
+    size_t count;
+    const struct ledger_row *rows = farm_ledger(farm, &count);
+    struct predict_job job = farm_predict_job(farm);
+    double chance = predict_chance(&job, rows, count, allowed);
+    return isnan(chance) ? allowed < sealed + 2 : chance < 0.5;
+}
+
+/* Where rounds are decided on one by one: one more, as soon as little is left to hand out. What
+ * forbids it, or LIMIT_NONE. */
+static enum limit consider_another_round(struct farm *farm)
 {
     const struct pieces *pieces = scheduler_pieces(farm->scheduler);
     unsigned rounds = pieces_allowed(pieces) + 1;
-    if (farm->job.time_s <= 0 || farm->ended || rounds > ROUND_COUNT ||
+    if (!limits_are_open(&farm->job.limits))
+        return LIMIT_SPP;
+    if (farm->ended ||
         scheduler_seconds_unleased(farm->scheduler) >
-            2e-3 * farm->settings.schedule.lease_target_ms)
-        return;
-    double end = seconds_since(farm, farm->opened_ms) +
-                 scheduler_seconds_left(farm->scheduler, rounds);
-    if (!(end <= farm->job.time_s))
-        return;
-    film_extend(farm->job.film, rounds);
-    scheduler_allow_rounds(farm->scheduler, rounds);
+            2e-3 * farm->settings.schedule.lease_target_ms ||
+        !wants_another_round(farm, rounds - 1))
+        return LIMIT_NONE;
+
+    double left = core_s_left(farm, rounds);
+    struct outlook outlook = {
+        .rounds = rounds,
+        .elapsed_s = farm->job.elapsed_s + seconds_since(farm, farm->opened_ms),
+        .left_s = left / spending_pace(&farm->spending),
+        .spent_core_s = farm->spending.core_s,
+        .left_core_s = left,
+    };
+    enum limit against = limits_against(&farm->job.limits, &outlook);
+    if (against == LIMIT_NONE) {
+        film_extend(farm->job.film, rounds);
+        scheduler_allow_rounds(farm->scheduler, rounds);
+    }
+    return against;
 }
 
 static void work(struct farm *farm)
@@ -117,13 +162,15 @@ static void work(struct farm *farm)
         return;
     uint64_t now_ms = uv_now(farm->loop);
     struct err why;
-    consider_another_round(farm);
-    if (scheduler_failed(farm->scheduler, &why))
+    enum limit against = consider_another_round(farm);
+    if (scheduler_failed(farm->scheduler, &why)) {
         farm_end(farm, &why);
-    else if (scheduler_done(farm->scheduler))
+    } else if (scheduler_done(farm->scheduler)) {
+        farm->stopped_by = against;
         farm_end(farm, NULL);
-    else
+    } else {
         dues_pump(farm, now_ms);
+    }
 }
 
 static void on_io_done(uv_check_t *check)
@@ -149,6 +196,7 @@ static void on_tick(uv_timer_t *timer)
     farm->tick_ms = now_ms;
     /* After a sleep of our own, what peers sent meanwhile still waits to be read */
     uint64_t stalled_ms = gap > farm->settings.dead_after_ms / 2 ? gap : 0;
+    spending_tick(&farm->spending, now_ms);
     scheduler_tick(farm->scheduler, now_ms);
     peers_check_deadlines(farm, now_ms, stalled_ms);
     work(farm);
@@ -201,6 +249,7 @@ struct farm *farm_open(uv_loop_t *loop, const struct farm_settings *settings,
     farm->epoch = 1;
     farm->next_worker_id = 1;
     farm->opened_ms = farm->tick_ms = uv_now(loop);
+    spending_begin(&farm->spending, farm->opened_ms);
     TAILQ_INIT(&farm->peers);
 
     err_set(err, ERR_MEMORY, "no memory for a farm");
@@ -217,7 +266,7 @@ struct farm *farm_open(uv_loop_t *loop, const struct farm_settings *settings,
         goto fail_doors;
 
     err_clear(err);
-    scheduler_allow_rounds(farm->scheduler, job->rounds);
+    scheduler_allow_rounds(farm->scheduler, limits_are_open(&job->limits) ? 1 : job->limits.rounds);
     uv_timer_init(loop, &farm->tick);
     uv_check_init(loop, &farm->after_io);
     farm->tick.data = farm->after_io.data = farm;
@@ -278,14 +327,53 @@ void farm_local_hopeless(struct farm *farm, const struct err *why)
 
 /* ---- what others ask */
 
+/* Share done and seconds left, by the limit that will probably end the job. */
+static void foresee(const struct farm *farm, struct farm_status *status)
+{
+    const struct limits *limits = &farm->job.limits;
+    const struct pieces *pieces = scheduler_pieces(farm->scheduler);
+    double left_s = INFINITY;
+    if (farm->stopped_by != LIMIT_NONE) {
+        status->done = 1;
+        status->seconds_left = 0;
+        return;
+    }
+    status->done = -1;
+    if (limits->rounds < ROUND_COUNT) {
+        double pairs = (double)farm->settings.schedule.tiles * farm->settings.schedule.replicates;
+        status->done = (double)pieces_leaves_done(pieces) /
+                       (pairs * (double)round_end(limits->rounds - 1));
+        left_s = scheduler_seconds_left(farm->scheduler, limits->rounds);
+    }
+    size_t count;
+    const struct ledger_row *rows = farm_ledger(farm, &count);
+    struct predict_job job = farm_predict_job(farm);
+    struct prediction prediction;
+    if (limits->relmse > 0 && predict_end(&job, rows, count, &prediction)) {
+        double left = prediction.wall_s.mid - status->wall_s;
+        left_s = fmin(left_s, left > 0 ? left : 0);
+        status->done = fmax(status->done, status->core_s / prediction.core_s.mid);
+    }
+    if (limits->core_s > 0) {
+        left_s = fmin(left_s, (limits->core_s - status->core_s) / spending_pace(&farm->spending));
+        status->done = fmax(status->done, status->core_s / limits->core_s);
+    }
+    if (limits->time_s > 0) {
+        double elapsed_s = farm->job.elapsed_s + status->wall_s;
+        left_s = fmin(left_s, limits->time_s - elapsed_s);
+        status->done = fmax(status->done, elapsed_s / limits->time_s);
+    }
+    status->done = fmin(status->done, 1);
+    status->seconds_left = !isfinite(left_s) ? -1 : left_s > 0 ? left_s : 0;
+}
+
 struct farm_status farm_status(const struct farm *farm)
 {
-    const struct pieces *pieces = scheduler_pieces(farm->scheduler);
-    uint64_t done = pieces_leaves_done(pieces);
     struct farm_status status = {
         .rounds_done = scheduler_sealed(farm->scheduler),
         .wall_s = seconds_since(farm, farm->opened_ms),
-        .core_s = farm->core_s,
+        .core_s = farm->spending.core_s,
+        .stopped_by = farm->stopped_by,
         .nodes = farm->nodes,
         .samples = farm->samples,
         .bytes_in = farm->closed_bytes_in,
@@ -301,18 +389,17 @@ struct farm_status farm_status(const struct farm *farm)
         status.bytes_in += channel_bytes_in(peer->channel);
         status.bytes_out += channel_bytes_out(peer->channel);
     }
-    double total = (double)farm->settings.schedule.tiles * farm->settings.schedule.replicates *
-                   (double)round_end(pieces_allowed(pieces) - 1);
-    double left = scheduler_seconds_left(farm->scheduler, pieces_allowed(pieces));
-    if (farm->job.time_s > 0) {
-        double share = status.wall_s / farm->job.time_s;
-        status.done = share < 1 ? share : 1;
-        status.seconds_left = farm->job.time_s * (1 - status.done);
-    } else {
-        status.done = (double)done / total;
-        status.seconds_left = isfinite(left) ? left : -1;
-    }
+    foresee(farm, &status);
     return status;
+}
+
+struct predict_job farm_predict_job(const struct farm *farm)
+{
+    return (struct predict_job){
+        .spec = *farm->job.spec,
+        .sampler = farm->job.scene->settings.sampler,
+        .relmse = farm->job.limits.relmse,
+    };
 }
 
 const struct farm_worker *farm_workers(const struct farm *farm)

@@ -17,6 +17,8 @@
 #ifndef MASTER_FARM_H
 #define MASTER_FARM_H
 
+#include "master/limits.h"
+#include "master/predict.h"
 #include "master/scheduler.h"
 #include "proto/digest.h"
 
@@ -28,7 +30,6 @@ struct film;
 struct image;
 struct job_spec;
 struct keys;
-struct ledger_row;
 struct scene;
 
 struct farm_settings {
@@ -48,9 +49,9 @@ struct farm_job {
     const struct bundle *bundle;
     struct film *film;
     const char *title;
-    unsigned rounds;    /* to render; with time_s the first ones */
-    double time_s;      /* more rounds as long as they are predicted to fit in; 0: no */
-    bool local_workers; /* some are going to be started */
+    struct limits limits; /* when it ends */
+    double elapsed_s;     /* of limits.time_s, before farm_open */
+    bool local_workers;   /* some are going to be started */
 };
 
 struct farm_events {
@@ -100,7 +101,8 @@ struct farm_status {
     double done;             /* share of the rounds, or of the time */
     double seconds_left;     /* negative: unknown */
     double wall_s;           /* since farm_open */
-    double core_s;           /* reported with results */
+    double core_s;           /* reported with results, used or not */
+    enum limit stopped_by;   /* once the job is done */
     uint64_t nodes, samples; /* accepted */
     uint64_t bytes_in, bytes_out;
     struct scheduler_counts counts;
@@ -109,6 +111,8 @@ struct farm_status farm_status(const struct farm *farm);
 
 const struct farm_worker *farm_workers(const struct farm *farm); /* the newest first */
 const struct ledger_row *farm_ledger(const struct farm *farm, size_t *count);
+/* What is predicted for a job by error: for predict_end, with any beginning of the ledger. */
+struct predict_job farm_predict_job(const struct farm *farm);
 
 /* The picture of the last round that ended, whatever came since; NULL before the first. It changes
  * with the next. */

@@ -1,5 +1,6 @@
 #include "master/image.h"
 
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -96,6 +97,16 @@ bool image_set_attribute(struct image *image, const char *name, const char *text
     snprintf(attribute->name, sizeof(attribute->name), "%s", name);
     attribute->text = copy;
     return true;
+}
+
+bool image_note(struct image *image, const char *name, const char *format, ...)
+{
+    char text[128];
+    va_list args;
+    va_start(args, format);
+    vsnprintf(text, sizeof(text), format, args);
+    va_end(args);
+    return image_set_attribute(image, name, text);
 }
 
 const char *image_attribute(const struct image *image, const char *name)

@@ -42,6 +42,9 @@ float *image_add_exact_channel(struct image *image, const char *name);
 float *image_channel(const struct image *image, const char *name);
 
 bool image_set_attribute(struct image *image, const char *name, const char *text);
+/* The same of what printf makes of it: a number, a few words. */
+bool image_note(struct image *image, const char *name, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
 const char *image_attribute(const struct image *image, const char *name); /* NULL: none */
 
 #endif

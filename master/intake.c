@@ -20,6 +20,7 @@ struct intake {
     intake_round_fn *on_round;
     void *owner;
     unsigned ended;                 /* rounds that the film holds */
+    bool stopped;                   /* ... for good */
     struct held *held[HELD_ROUNDS]; /* round r at r % HELD_ROUNDS, for r > ended */
     struct estimate *estimate;
     struct image *picture;
@@ -126,6 +127,10 @@ bool intake_add(struct intake *in, const struct node_id *node, struct node_sums 
                 struct err *err)
 {
     unsigned round;
+    if (in->stopped) {
+        node_sums_free(sums);
+        return true;
+    }
     if (!round_holding(node->level, node->index, &round) || round < in->ended) {
         node_sums_free(sums);
         return err_set(err, ERR_INTERNAL, "a node that no open round has was accepted");
@@ -137,10 +142,17 @@ bool intake_add(struct intake *in, const struct node_id *node, struct node_sums 
     while (film_round_complete(in->film, in->ended)) {
         in->on_round(in->owner, in->ended);
         in->ended++;
+        if (in->stopped)
+            break;
         if (!release(in, in->ended, err))
             return false;
     }
     return true;
+}
+
+void intake_stop(struct intake *in)
+{
+    in->stopped = true;
 }
 
 bool intake_end_round(struct intake *in, double wall_s, double core_s, struct err *err)
@@ -154,8 +166,8 @@ bool intake_end_round(struct intake *in, double wall_s, double core_s, struct er
     struct node_stats stats;
     film_stats(in->film, &stats);
     struct accuracy accuracy = estimate_result(in->estimate);
-    rows[in->row_count++] = estimate_row(film_rounds(in->film) - 1, film_spp(in->film), wall_s,
-                                         core_s, &accuracy, &stats);
+    rows[in->row_count++] = ledger_row_of(film_rounds(in->film) - 1, film_spp(in->film), wall_s,
+                                          core_s, &accuracy, &stats);
     return true;
 }
 

@@ -2,7 +2,8 @@
  * From accepted results to the film. The film is given one round after the other: nodes of later
  * rounds wait here until every pair has finished the one before, so that whenever a round ends the
  * film holds exactly that round, whatever came early, and its row in the accuracy ledger is a
- * function of the job alone. The scheduler bounds how much can wait (early_max).
+ * function of the job alone. The scheduler bounds how much can wait (early_max). Once intake_stop
+ * was called the film keeps the rounds that had ended, and whatever else comes is dropped.
  *
  * Used from the event loop only.
  */
@@ -10,7 +11,7 @@
 #define MASTER_INTAKE_H
 
 #include "common/job.h"
-#include "master/estimate.h"
+#include "master/ledger.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -38,6 +39,9 @@ bool intake_check(const struct intake *intake, const struct node_id *node,
  * whatever happens. False: ERR_MEMORY, or ERR_INTERNAL when the film does not want them. */
 bool intake_add(struct intake *intake, const struct node_id *node, struct node_sums *sums,
                 struct err *err);
+
+/* No further round: the last one that ended was the job's last. For on_round. */
+void intake_stop(struct intake *intake);
 
 /* For on_round: take the picture of the round that ended, and add its row. False: ERR_MEMORY. */
 bool intake_end_round(struct intake *intake, double wall_s, double core_s, struct err *err);

@@ -77,26 +77,33 @@ static bool shape(struct job_setup *setup, const struct render_options *o, struc
         .kernel = o->everything,
         .max_lanes = o->lanes,
     };
-    bool planned = needs_planned_samples(s->sampler);
-    if (o->time_s > 0 && planned)
+    struct limits *limits = &setup->limits;
+    *limits = (struct limits){ ROUND_COUNT, o->relmse, o->time_s, 3600 * o->core_hours };
+    bool open = limits_are_open(limits), planned = needs_planned_samples(s->sampler);
+    if (open && planned)
         return err_set(err, ERR_ARGUMENT,
-                       "--time: this sampler must know the samples beforehand; "
-                       "use --spp, or another sampler");
-    setup->spp_asked = o->time_s > 0    ? 0
-                       : o->spp > 0     ? o->spp
+                       "%s: this sampler must know the samples beforehand; "
+                       "use --spp alone, or another sampler",
+                       o->relmse > 0   ? "--error"
+                       : o->time_s > 0 ? "--time"
+                                       : "--budget-core-hours");
+    setup->spp_asked = o->spp > 0       ? o->spp
+                       : open           ? 0
                        : s->sampler_spp ? s->sampler_spp
                                         : SPP_DEFAULT;
-    /* A job by time has the shape that any --spp large enough gives, so that its result can be had
-     * again by --spp */
-    uint64_t spp = o->time_s > 0 ? 1u << 20 : setup->spp_asked;
+    /* A job without --spp has the shape that any --spp large enough gives, so that its result can
+     * be had again by --spp */
+    uint64_t spp = setup->spp_asked == 0 ? 1u << 20 : setup->spp_asked;
     setup->spp = job_in_fours(&s->filter) ? job_shape_in_fours(spp, o->replicates, spec)
                                           : job_shape(spp, o->replicates, spec);
-    setup->rounds = job_rounds(spec, setup->spp);
-    spec->planned_samples = planned ? setup->spp / spec->replicates : 0;
-    if (o->time_s > 0) {
+    if (setup->spp_asked == 0)
         setup->spp = 0;
-        setup->rounds = 1;
-    }
+    else
+        limits->rounds = job_rounds(spec, setup->spp);
+    spec->planned_samples = planned ? setup->spp / spec->replicates : 0;
+    if (limits->relmse > 0 && spec->replicates < 2)
+        return err_set(err, ERR_ARGUMENT,
+                       "--error: replicates tell the error, and here is only one of them");
     return true;
 }
 

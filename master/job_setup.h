@@ -6,6 +6,7 @@
 #define MASTER_JOB_SETUP_H
 
 #include "common/job.h"
+#include "master/limits.h"
 
 #include <stdbool.h>
 #include <stdint.h>
@@ -17,9 +18,9 @@ struct scene;
 struct job_setup {
     struct scene *scene;
     struct job_spec spec;
-    uint64_t spp_asked; /* 0: by time */
-    uint64_t spp;       /* after whole rounds; 0: by time */
-    unsigned rounds;    /* to begin with */
+    uint64_t spp_asked;   /* 0: as many as other limits allow */
+    uint64_t spp;         /* after whole rounds; 0: the same */
+    struct limits limits; /* when it ends */
 };
 
 /* Read the scene and apply the options; what the reader has to say goes to stderr. On failure there

@@ -1,6 +1,7 @@
 /* The `pathfarm` program: its commands, in a table. */
 #include "master/cmd_compare.h"
 #include "master/cmd_keygen.h"
+#include "master/cmd_merge.h"
 #include "master/cmd_plan.h"
 #include "master/cmd_render.h"
 #include "master/cmd_selftest.h"
@@ -13,6 +14,7 @@
     X(render, "SCENE -o OUT.exr", "render a scene, here and on workers that join") \
     X(plan, "SCENE", "what rendering a scene would involve, without doing it")     \
     X(compare, "A.exr B.exr", "how far picture A is from the reference B")         \
+    X(merge, "A.exr B.exr ...", "join pictures of one job with different seeds")   \
     X(keygen, "DIR", "make the keys of a farm")                                    \
     X(selftest, "", "check this machine's arithmetic")
 

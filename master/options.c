@@ -131,6 +131,27 @@ PARSER(time)
     return parse_seconds(value, &o->time_s, err);
 }
 
+/* A number above zero that is not absurd. */
+static bool parse_positive(const char *text, double most, double *out, struct err *err)
+{
+    char *end;
+    double value = strtod(text, &end);
+    if (end == text || *end != '\0' || !(value > 0 && value <= most))
+        return err_set(err, ERR_ARGUMENT, "\"%s\" is not a number above 0, up to %g", text, most);
+    *out = value;
+    return true;
+}
+
+PARSER(error)
+{
+    return parse_positive(value, 1e6, &o->relmse, err);
+}
+
+PARSER(budget_core_hours)
+{
+    return parse_positive(value, 1e9, &o->core_hours, err);
+}
+
 PARSER(seed)
 {
     return parse_count(value, 0, UINT64_MAX, &o->seed, err);
@@ -277,6 +298,8 @@ PARSER(not_yet)
 TEXT_PARSER(output, output)
 TEXT_PARSER(camera, camera)
 TEXT_PARSER(report, report)
+TEXT_PARSER(ledger, ledger)
+TEXT_PARSER(heat, heat)
 TEXT_PARSER(keys, keys)
 TEXT_PARSER(cache, cache)
 FLAG_PARSER(no_cache, no_cache)
@@ -305,7 +328,10 @@ static const struct option {
       "render a part: fractions if all four are at most 1, else pixels" },
     { "--camera", "NAME", set_camera, "which camera of a glTF file (the first)" },
     { "--spp", "N", set_spp, "samples per pixel, rounded up to a whole round" },
+    { "--error", "X", set_error, "until the estimated relMSE of the picture is at most X" },
     { "--time", "T", set_time, "as many rounds as fit into T (90, 90s, 1.5m, 2h)" },
+    { "--budget-core-hours", "H", set_budget_core_hours,
+      "as many rounds as cost at most H hours of one core; of several limits the first ends it" },
     { "--seed", "N", set_seed, "another seed gives an independent picture (0)" },
     { "--sampler", "NAME", set_sampler, "sobol, independent, stratified, halton or hammersley" },
     { "--replicates", "K", set_replicates,
@@ -318,7 +344,9 @@ static const struct option {
     { "--cache", "DIR", set_cache, "where local workers keep scenes" },
     { "--no-cache", NULL, set_no_cache, "local workers keep no scenes" },
     { "--report", "FILE", set_report, "what was done, as JSON" },
-    { "--write-every", "T", set_write_every, "refresh picture and PNG while rendering" },
+    { "--ledger", "FILE.csv", set_ledger, "what every round cost, and how wrong it was" },
+    { "--heat", "FILE.png", set_heat, "the relative standard error of every pixel, in colours" },
+    { "--write-every", "T", set_write_every, "refresh all but the report while rendering" },
     { "--tev", "HOST:PORT", set_tev, "show the picture in a tev viewer while rendering" },
     { "--aov", "NAME,...", set_aov,
       "more layers: alpha, depth, position, normal, geometric_normal, albedo, motion, object, "
@@ -338,7 +366,6 @@ static const struct option {
     { "--dead-after-ms", "MS", set_dead_after_ms, "silence after which it is gone (20000)" },
     { "--stall-ms", "MS", set_stall_ms,
       "time without progress after which its work is given to others (30000)" },
-    { "--error", "X", set_not_yet, NULL },
     { "--paths", "EXPR", set_not_yet, NULL },
     { "--integrator", "NAME", set_not_yet, NULL },
     { "--store", "FILE", set_not_yet, NULL },
@@ -439,16 +466,10 @@ static bool check_together(struct render_options *o, bool needs_output, struct e
         return err_set(err, ERR_ARGUMENT, "which scene? pathfarm render SCENE -o OUT.exr");
     if (o->output == NULL && needs_output)
         return err_set(err, ERR_ARGUMENT, "where to? -o OUT.exr is missing");
-    if (o->spp > 0 && o->time_s > 0)
-        return err_set(err, ERR_ARGUMENT, "--spp and --time: one of them decides when to stop");
     if (o->workers == 0 && !o->listens && needs_output)
         return err_set(err, ERR_ARGUMENT, "--workers 0 without --listen: nobody would render");
     if (o->keys != NULL && !o->listens)
         return err_set(err, ERR_ARGUMENT, "--keys without --listen: nobody to show them to");
-    if (o->time_s > 0 && (o->sampler == SAMPLER_STRATIFIED || o->sampler == SAMPLER_HAMMERSLEY))
-        return err_set(err, ERR_ARGUMENT,
-                       "--time: this sampler must know the samples beforehand; "
-                       "use --spp, or another sampler");
     if (o->output != NULL && o->png[0] == '\0') {
         const char *slash = strrchr(o->output, '/');
         const char *dot = strrchr(slash == NULL ? o->output : slash, '.');

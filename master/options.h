@@ -19,13 +19,15 @@ struct render_options {
     const char *scene;
     const char *output;     /* NULL: none was given */
     char png[OPTIONS_PATH]; /* as given, or the output's name with .png */
-    const char *report, *keys, *cache;
+    const char *report, *ledger, *heat, *keys, *cache;
     const char *camera;     /* NULL: the first */
     uint32_t width, height; /* 0: the scene's */
     bool has_crop;
     double crop[4]; /* x0, x1, y0, y1: fractions if all are at most 1, else pixels */
     uint64_t spp;   /* 0: the scene's */
-    double time_s;  /* 0: not limited by time */
+    double time_s;  /* 0, here and below: no such limit */
+    double relmse;
+    double core_hours;
     uint64_t seed;
     uint32_t workers, threads; /* threads 0: all cores / workers */
     int sampler;               /* enum sampler_kind; -1: the scene's */

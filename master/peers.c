@@ -352,11 +352,12 @@ static bool on_result(struct peer *peer, const void *payload, const struct frame
     }
 
     double core_s = plausible(result->core_seconds);
-    farm->core_s += core_s;
+    spending_add(&farm->spending, core_s);
     peer->record->core_seconds += core_s;
     switch (scheduler_result(farm->scheduler, peer->worker, &node, result->checksum.data,
                              uv_now(farm->loop))) {
     case RESULT_ACCEPTED:
+        spending_take(&farm->spending, round, core_s);
         accept_sums(peer, &node, sums);
         return true;
     case RESULT_MISMATCH:

@@ -9,6 +9,7 @@
 #define MASTER_PEERS_H
 
 #include "master/farm.h"
+#include "master/spending.h"
 #include "master/transfers.h"
 #include "proto/channel.h"
 
@@ -77,7 +78,8 @@ struct farm {
 
     uint64_t opened_ms, tick_ms;
     uint64_t next_worker_id;
-    double core_s;
+    struct spending spending;
+    enum limit stopped_by;
     uint64_t nodes, samples;
     uint64_t closed_bytes_in, closed_bytes_out;
     bool ended;   /* on_end was called */

@@ -1,13 +1,17 @@
 #include "master/pictures.h"
 
 #include "common/err.h"
+#include "master/atomic_file.h"
 #include "master/exr.h"
 #include "master/film.h"
+#include "master/heat.h"
 #include "master/image.h"
+#include "master/ledger.h"
 #include "master/png.h"
 #include "proto/bundle.h"
 
 #include <assert.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -16,11 +20,12 @@ struct pictures {
     uv_loop_t *loop;
     const struct film *film;
     struct picture_facts facts;
-    const char *exr_path, *png_path;
+    struct picture_paths paths;
 
     uv_work_t work;
     bool busy;
     struct image *image; /* the copy that is written */
+    char *ledger;        /* its ledger as CSV */
     bool written;
     struct err err;
     void (*log)(void *context, const char *line);
@@ -28,8 +33,7 @@ struct pictures {
 };
 
 struct pictures *pictures_new(uv_loop_t *loop, const struct film *film,
-                              const struct picture_facts *facts, const char *exr_path,
-                              const char *png_path)
+                              const struct picture_facts *facts, const struct picture_paths *paths)
 {
     struct pictures *p = calloc(1, sizeof(*p));
     if (p == NULL)
@@ -37,8 +41,7 @@ struct pictures *pictures_new(uv_loop_t *loop, const struct film *film,
     p->loop = loop;
     p->film = film;
     p->facts = *facts;
-    p->exr_path = exr_path;
-    p->png_path = png_path;
+    p->paths = *paths;
     p->work.data = p;
     p->image = film_image_new(film);
     if (p->image == NULL) {
@@ -53,20 +56,49 @@ void pictures_free(struct pictures *p)
     if (p == NULL)
         return;
     image_free(p->image);
+    free(p->ledger);
     free(p);
 }
 
-static bool add_facts(const struct pictures *p, struct image *image, bool complete)
+/* The last row of the ledger, figure by figure, and all of it. An error that is unknown is no
+ * number. */
+static bool add_ledger(const struct pictures *p, struct image *image, const struct ledger_row *row)
+{
+    const struct accuracy *a = &row->accuracy;
+    bool known = a->verdict == ACCURACY_KNOWN;
+    const struct {
+        const char *name;
+        double value;
+    } numbers[] = {
+        { "pathfarm.rmse", known ? a->rmse : NAN },
+        { "pathfarm.rmseLow", known ? a->rmse95.low : NAN },
+        { "pathfarm.rmseHigh", known ? a->rmse95.high : NAN },
+        { "pathfarm.relMSE", known ? a->relmse : NAN },
+        { "pathfarm.relMSELow", known ? a->relmse95.low : NAN },
+        { "pathfarm.relMSEHigh", known ? a->relmse95.high : NAN },
+        { "pathfarm.unknownShare", a->unknown_share },
+        { "pathfarm.coreSeconds", row->core_s },
+        { "pathfarm.wallSeconds", row->wall_s },
+        { "pathfarm.truncatedEnergy", row->truncated_energy },
+    };
+    bool fine = image_set_attribute(image, "pathfarm.error", estimate_verdict_text(a->verdict)) &&
+                image_set_attribute(image, "pathfarm.ledger", p->ledger) &&
+                image_note(image, "pathfarm.nonfinite", "nan %llu, infinite %llu, negative %llu",
+                           (unsigned long long)row->nonfinite[NONFINITE_NAN],
+                           (unsigned long long)row->nonfinite[NONFINITE_INF],
+                           (unsigned long long)row->nonfinite[NONFINITE_NEGATIVE]);
+    for (size_t i = 0; i < sizeof(numbers) / sizeof(numbers[0]) && fine; i++)
+        fine = isnan(numbers[i].value)
+                   ? image_set_attribute(image, numbers[i].name, "unknown")
+                   : image_note(image, numbers[i].name, "%.9g", numbers[i].value);
+    return fine;
+}
+
+static bool add_facts(const struct pictures *p, struct image *image,
+                      const struct picture_moment *moment)
 {
     const struct picture_facts *f = &p->facts;
-    char seed[32], spp[32], replicates[32], dof[32], scene_hex[DIGEST_HEX_SIZE],
-        job_hex[DIGEST_HEX_SIZE], clamped[32];
-    snprintf(seed, sizeof(seed), "%llu", (unsigned long long)f->spec->seed);
-    snprintf(spp, sizeof(spp), "%llu", (unsigned long long)film_spp(p->film));
-    snprintf(replicates, sizeof(replicates), "%u", f->spec->replicates);
-    snprintf(dof, sizeof(dof), "%u", f->spec->replicates - 1);
-    snprintf(clamped, sizeof(clamped), "%llu",
-             (unsigned long long)exr_values_clamped(image, &f->format));
+    char scene_hex[DIGEST_HEX_SIZE], job_hex[DIGEST_HEX_SIZE];
     const struct {
         const char *name, *text;
     } attributes[] = {
@@ -75,40 +107,51 @@ static bool add_facts(const struct pictures *p, struct image *image, bool comple
         { "pathfarm.profile", f->profile_text },
         { "pathfarm.sceneDigest", digest_hex(bundle_scene_digest(f->bundle), scene_hex) },
         { "pathfarm.jobDigest", digest_hex(bundle_job_digest(f->bundle), job_hex) },
-        { "pathfarm.seed", seed },
-        { "pathfarm.spp", spp },
-        { "pathfarm.replicates", replicates },
-        { "pathfarm.stderrDof", dof },
-        { "pathfarm.complete", complete ? "yes" : "no" },
+        { "pathfarm.stoppedBy", limits_text(moment->stopped_by) },
+        { "pathfarm.complete", moment->complete ? "yes" : "no" },
     };
     for (size_t i = 0; i < sizeof(attributes) / sizeof(attributes[0]); i++) {
         if (!image_set_attribute(image, attributes[i].name, attributes[i].text))
             return false;
     }
-    return !f->format.half || image_set_attribute(image, "pathfarm.clampedToHalf", clamped);
+    return image_note(image, "pathfarm.seed", "%llu", (unsigned long long)f->spec->seed) &&
+           image_note(image, "pathfarm.spp", "%llu", (unsigned long long)film_spp(p->film)) &&
+           image_note(image, "pathfarm.replicates", "%u", f->spec->replicates) &&
+           image_note(image, "pathfarm.stderrDof", "%u", f->spec->replicates - 1) &&
+           (!f->format.half ||
+            image_note(image, "pathfarm.clampedToHalf", "%llu",
+                       (unsigned long long)exr_values_clamped(image, &f->format))) &&
+           (moment->row_count == 0 || add_ledger(p, image, &moment->rows[moment->row_count - 1]));
 }
 
 /* Make p->image the picture, with the metadata. */
-static bool copy_with_facts(struct pictures *p, const struct image *picture, bool complete,
+static bool copy_with_facts(struct pictures *p, const struct picture_moment *moment,
                             struct err *err)
 {
+    const struct image *picture = moment->picture;
     assert(picture->width == p->image->width && picture->height == p->image->height);
     size_t bytes = (size_t)picture->width * picture->height * sizeof(float);
     for (uint32_t c = 0; c < picture->channel_count; c++)
         memcpy(p->image->channels[c].values, picture->channels[c].values, bytes);
-    return add_facts(p, p->image, complete) || err_set(err, ERR_MEMORY, "no memory for a picture");
+    free(p->ledger);
+    p->ledger = ledger_csv(moment->rows, moment->row_count);
+    return (p->ledger != NULL && add_facts(p, p->image, moment)) ||
+           err_set(err, ERR_MEMORY, "no memory for a picture");
 }
 
-static bool write_both(const struct pictures *p, struct err *err)
+static bool write_all(const struct pictures *p, struct err *err)
 {
-    return exr_image_write_as(p->image, &p->facts.format, p->exr_path, err) &&
-           png_preview_write(p->image, p->png_path, err);
+    const struct picture_paths *to = &p->paths;
+    return exr_image_write_as(p->image, &p->facts.format, to->exr, err) &&
+           png_preview_write(p->image, to->png, err) &&
+           (to->heat == NULL || heat_write(p->image, to->heat, err)) &&
+           (to->ledger == NULL || atomic_file_write(to->ledger, p->ledger, strlen(p->ledger), err));
 }
 
 static void write_in_pool(uv_work_t *work)
 {
     struct pictures *p = work->data;
-    p->written = write_both(p, &p->err);
+    p->written = write_all(p, &p->err);
 }
 
 static void on_written(uv_work_t *work, int status)
@@ -119,15 +162,15 @@ static void on_written(uv_work_t *work, int status)
         p->log(p->context, p->err.text);
 }
 
-void pictures_refresh(struct pictures *p, const struct image *picture,
+void pictures_refresh(struct pictures *p, const struct picture_moment *moment,
                       void (*log)(void *context, const char *line), void *context)
 {
-    if (p->busy || picture == NULL)
+    if (p->busy || moment->picture == NULL)
         return;
     struct err err;
     p->log = log;
     p->context = context;
-    if (!copy_with_facts(p, picture, false, &err)) {
+    if (!copy_with_facts(p, moment, &err)) {
         log(context, err.text);
         return;
     }
@@ -139,8 +182,8 @@ bool pictures_busy(const struct pictures *p)
     return p->busy;
 }
 
-bool pictures_write(struct pictures *p, const struct image *picture, bool complete, struct err *err)
+bool pictures_write(struct pictures *p, const struct picture_moment *moment, struct err *err)
 {
     assert(!p->busy);
-    return copy_with_facts(p, picture, complete, err) && write_both(p, err);
+    return copy_with_facts(p, moment, err) && write_all(p, err);
 }

@@ -1,6 +1,7 @@
 /*
- * The pictures that a render leaves: the EXR, with its metadata, and the PNG, refreshed while it
- * runs (--write-every) and written at the end.
+ * The pictures that a render leaves: the EXR, with its metadata, the PNG, and where they are wanted
+ * the heat map of its error and the accuracy ledger as CSV, refreshed while it runs (--write-every)
+ * and written at the end.
  *
  * Refreshing writes a copy in libuv's thread pool, so that compressing and syncing do not hold up
  * workers; at most one is being written, and a refresh that comes meanwhile is dropped. The copy's
@@ -12,6 +13,7 @@
 
 #include "common/job.h"
 #include "master/exr.h"
+#include "master/limits.h"
 
 #include <stdbool.h>
 #include <uv.h>
@@ -20,6 +22,7 @@ struct bundle;
 struct err;
 struct film;
 struct image;
+struct ledger_row;
 
 /* What is written into the files' metadata, besides what the film says, and how pixels are. */
 struct picture_facts {
@@ -30,23 +33,34 @@ struct picture_facts {
     struct exr_format format;
 };
 
+struct picture_paths {
+    const char *exr, *png;
+    const char *heat, *ledger; /* NULL: not wanted */
+};
+
+/* The rounds that have ended. Copied, as far as it must be. */
+struct picture_moment {
+    const struct image *picture; /* an image that film_image_new made; NULL: no round has ended */
+    const struct ledger_row *rows;
+    size_t row_count;
+    enum limit stopped_by;
+    bool complete; /* all that was asked for */
+};
+
 struct pictures;
 
 /* Everything named must outlive it. NULL when memory runs out. pictures_free(NULL) does nothing;
  * nothing may be being written then (pictures_busy). */
 struct pictures *pictures_new(uv_loop_t *loop, const struct film *film,
-                              const struct picture_facts *facts, const char *exr_path,
-                              const char *png_path);
+                              const struct picture_facts *facts, const struct picture_paths *paths);
 void pictures_free(struct pictures *p);
 
-/* Write both files in the thread pool, of the picture of all rounds that have ended (NULL: none,
- * and nothing is written), an image that film_image_new made; `log` hears when that fails. */
-void pictures_refresh(struct pictures *p, const struct image *picture,
+/* Write all files in the thread pool, or nothing without a picture; `log` hears when that fails. */
+void pictures_refresh(struct pictures *p, const struct picture_moment *moment,
                       void (*log)(void *context, const char *line), void *context);
 bool pictures_busy(const struct pictures *p);
 
-/* Write both files now, while none is being written. `complete`: all that was asked for. */
-bool pictures_write(struct pictures *p, const struct image *picture, bool complete,
-                    struct err *err);
+/* Write all files now, while none is being written. */
+bool pictures_write(struct pictures *p, const struct picture_moment *moment, struct err *err);
 
 #endif

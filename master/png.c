@@ -37,9 +37,19 @@ static void on_warning(png_structp png, png_const_charp text)
     (void)text; /* nothing a user of the preview could do about it */
 }
 
+/* What is written, row by row: 3 * width bytes each. */
+struct source {
+    uint32_t width, height;
+    void (*fill_row)(const struct source *source, uint32_t y, uint8_t *row);
+    const struct image *image;
+    const float *rgb[3];
+    const uint8_t *bytes;
+};
+
 /* Row y of the display window; `row` is black where there is no data. */
-static void fill_row(const struct image *image, const float *const rgb[3], uint32_t y, uint8_t *row)
+static void fill_from_image(const struct source *source, uint32_t y, uint8_t *row)
 {
+    const struct image *image = source->image;
     memset(row, 0, (size_t)3 * image->display_width);
     int64_t data_row = (int64_t)y - image->data_y;
     if (data_row < 0 || data_row >= image->height)
@@ -49,13 +59,19 @@ static void fill_row(const struct image *image, const float *const rgb[3], uint3
         if (column < 0 || column >= image->display_width)
             continue;
         for (int c = 0; c < 3; c++)
-            row[3 * column + c] = png_preview_byte(rgb[c][(size_t)data_row * image->width + x]);
+            row[3 * column + c] = png_preview_byte(
+                source->rgb[c][(size_t)data_row * image->width + x]);
     }
 }
 
+static void fill_from_bytes(const struct source *source, uint32_t y, uint8_t *row)
+{
+    size_t size = (size_t)3 * source->width;
+    memcpy(row, source->bytes + y * size, size);
+}
+
 /* The part between setjmp and libpng's longjmp: touches no local that the caller reads after. */
-static bool encode(const struct image *image, const float *const rgb[3], FILE *out, uint8_t *row,
-                   struct err *err)
+static bool encode(const struct source *source, FILE *out, uint8_t *row, struct err *err)
 {
     png_infop info = NULL;
     png_structp png = png_create_write_struct(PNG_LIBPNG_VER_STRING, err, on_error, on_warning);
@@ -67,12 +83,12 @@ static bool encode(const struct image *image, const float *const rgb[3], FILE *o
         return false;
     }
     png_init_io(png, out);
-    png_set_IHDR(png, info, image->display_width, image->display_height, 8, PNG_COLOR_TYPE_RGB,
+    png_set_IHDR(png, info, source->width, source->height, 8, PNG_COLOR_TYPE_RGB,
                  PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT, PNG_FILTER_TYPE_DEFAULT);
     png_set_sRGB_gAMA_and_cHRM(png, info, PNG_sRGB_INTENT_PERCEPTUAL);
     png_write_info(png, info);
-    for (uint32_t y = 0; y < image->display_height; y++) {
-        fill_row(image, rgb, y, row);
+    for (uint32_t y = 0; y < source->height; y++) {
+        source->fill_row(source, y, row);
         png_write_row(png, row);
     }
     png_write_end(png, info);
@@ -80,18 +96,13 @@ static bool encode(const struct image *image, const float *const rgb[3], FILE *o
     return true;
 }
 
-bool png_preview_write(const struct image *image, const char *path, struct err *err)
+static bool write_file(const struct source *source, const char *path, struct err *err)
 {
-    const float *rgb[3] = { image_channel(image, "R"), image_channel(image, "G"),
-                            image_channel(image, "B") };
-    if (rgb[0] == NULL || rgb[1] == NULL || rgb[2] == NULL)
-        return err_set(err, ERR_ARGUMENT, "%s: no channels R, G and B to show", path);
-
     struct err why = { .code = ERR_MEMORY, .text = "out of memory" };
     struct atomic_file file;
     if (!atomic_file_open(&file, path, err))
         return false;
-    uint8_t *row = malloc((size_t)3 * image->display_width);
+    uint8_t *row = malloc((size_t)3 * source->width);
     if (row == NULL)
         goto fail_row;
     /* A stream of its own on the same file, so that closing it flushes and the file can be synced
@@ -101,7 +112,7 @@ bool png_preview_write(const struct image *image, const char *path, struct err *
         err_set(&why, ERR_IO, "%s", strerror(errno));
         goto fail_stream;
     }
-    bool encoded = encode(image, rgb, out, row, &why);
+    bool encoded = encode(source, out, row, &why);
     if (fclose(out) != 0 && encoded)
         encoded = err_set(&why, ERR_IO, "%s", strerror(errno));
     if (!encoded)
@@ -114,4 +125,30 @@ fail_stream:
 fail_row:
     atomic_file_abort(&file);
     return err_set(err, why.code, "%s: %s", path, why.text);
+}
+
+bool png_preview_write(const struct image *image, const char *path, struct err *err)
+{
+    struct source source = {
+        .width = image->display_width,
+        .height = image->display_height,
+        .fill_row = fill_from_image,
+        .image = image,
+        .rgb = { image_channel(image, "R"), image_channel(image, "G"), image_channel(image, "B") },
+    };
+    if (source.rgb[0] == NULL || source.rgb[1] == NULL || source.rgb[2] == NULL)
+        return err_set(err, ERR_ARGUMENT, "%s: no channels R, G and B to show", path);
+    return write_file(&source, path, err);
+}
+
+bool png_bytes_write(const uint8_t *rgb, uint32_t width, uint32_t height, const char *path,
+                     struct err *err)
+{
+    struct source source = {
+        .width = width,
+        .height = height,
+        .fill_row = fill_from_bytes,
+        .bytes = rgb,
+    };
+    return write_file(&source, path, err);
 }

@@ -1,5 +1,6 @@
 /*
- * An 8-bit sRGB picture to look at: channels R, G and B, taken as linear, clamped to [0, 1].
+ * 8-bit sRGB pictures to look at. Of an image: channels R, G and B, taken as linear, clamped to
+ * [0, 1].
  */
 #ifndef MASTER_PNG_H
 #define MASTER_PNG_H
@@ -15,6 +16,10 @@ struct image;
  * values and NaN are black, infinity is white. Blocks on the disk.
  */
 bool png_preview_write(const struct image *image, const char *path, struct err *err);
+
+/* The same of pixels that are sRGB bytes already: red, green, blue, row by row, top row first. */
+bool png_bytes_write(const uint8_t *rgb, uint32_t width, uint32_t height, const char *path,
+                     struct err *err);
 
 /* The sRGB curve on one value, rounded to 0..255; NaN gives 0. Pure. */
 uint8_t png_preview_byte(float linear);

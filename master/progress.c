@@ -3,6 +3,7 @@
 #include <inttypes.h>
 #include <math.h>
 #include <stdarg.h>
+#include <string.h>
 
 #define TERMINAL_INTERVAL_MS 200  /* faster than that, nobody reads digits */
 #define LOG_FIRST_MS         2000 /* short renders need no log line */
@@ -46,8 +47,11 @@ void progress_open(struct progress *progress, FILE *out, bool terminal, uint64_t
 
 static void put_line(struct progress *progress, const struct progress_state *state)
 {
-    char text[160];
+    char text[320];
     progress_text(state, text, sizeof(text));
+    size_t length = strlen(text);
+    if (progress->terminal && progress->note != NULL)
+        snprintf(text + length, sizeof(text) - length, "; %s", progress->note);
     if (progress->terminal)
         fprintf(progress->out, "\r%s\033[K", text); /* the escape clears a longer line's rest */
     else

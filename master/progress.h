@@ -26,6 +26,7 @@ struct progress {
     bool line_open;   /* the rewritten line is on the screen */
     uint64_t next_ms; /* nothing is shown before */
     uint64_t interval_ms;
+    const char *note; /* the user's, shown behind the line on a terminal; NULL: nothing */
 };
 
 /* `out` stays the caller's; `terminal` says whether lines can be rewritten (isatty). */

@@ -3,10 +3,10 @@
 #include "common/effects.h"
 #include "common/err.h"
 #include "common/scene.h"
-#include "master/estimate.h"
 #include "master/farm.h"
 #include "master/film.h"
 #include "master/job_setup.h"
+#include "master/ledger.h"
 #include "master/report.h"
 #include "proto/bundle.h"
 
@@ -59,6 +59,9 @@ bool render_summary_write(const struct render_summary *s, const char *path, stru
         .effects = effects_text(settings->effects, effects, sizeof(effects)),
         .spp_asked = s->setup->spp_asked,
         .spp = film_spp(s->film),
+        .asked = &s->setup->limits,
+        .stopped_by = status.stopped_by,
+        .predicted = farm_predict_job(s->farm),
         .wall_seconds = status.wall_s,
         .core_seconds = status.core_s,
         .bytes_sent = status.bytes_out,

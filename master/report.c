@@ -63,6 +63,7 @@ static bool put_accuracy(json_t *object, const struct accuracy *accuracy)
     fine &= put(error, "relmse", known ? number(accuracy->relmse) : json_null());
     fine &= put(error, "relmse_95", known ? interval(accuracy->relmse95) : json_null());
     fine &= put(error, "unknown_share", number(accuracy->unknown_share));
+    fine &= put(error, "effective_values", number(accuracy->effective_values));
     return put(object, "error", error) && fine;
 }
 
@@ -139,6 +140,53 @@ static bool put_work(json_t *root, const struct render_report *report)
     return put_accuracy(root, &report->accuracy) && fine;
 }
 
+/* A limit that is not set is null, as is one that nothing was stopped by. */
+static bool put_limits(json_t *root, const struct render_report *report)
+{
+    const struct limits *asked = report->asked;
+    json_t *limits = json_object();
+    bool fine = put(limits, "spp", report->spp_asked > 0 ? count(report->spp_asked) : json_null());
+    fine &= put(limits, "error", asked->relmse > 0 ? number(asked->relmse) : json_null());
+    fine &= put(limits, "time", asked->time_s > 0 ? number(asked->time_s) : json_null());
+    fine &= put(limits, "budget_core_hours",
+                asked->core_s > 0 ? number(asked->core_s / 3600) : json_null());
+    fine &= put(root, "limits", limits);
+    bool stopped = report->stopped_by != LIMIT_NONE;
+    return put(root, "stopped_by", stopped ? text(limits_text(report->stopped_by)) : json_null()) &&
+           fine;
+}
+
+static json_t *band(const struct predict_band *band)
+{
+    return json_pack("[ooo]", number(band->low), number(band->mid), number(band->high));
+}
+
+/* What was predicted after each round, had the rows so far been all: totals at the end, as the low
+ * end of the band, the middle, and the high end. */
+static bool put_predictions(json_t *root, const struct render_report *report)
+{
+    bool fine = true;
+    json_t *predictions = json_array();
+    for (size_t i = 0; i < report->ledger_count; i++) {
+        struct prediction p;
+        const struct ledger_row *now = &report->ledger[i];
+        if (limits_met(report->asked, now) ||
+            !predict_end(&report->predicted, report->ledger, i + 1, &p))
+            continue;
+        json_t *row = json_object();
+        fine &= put(row, "at_spp", count(now->spp));
+        fine &= put(row, "at_core_seconds", number(now->core_s));
+        fine &= put(row, "at_wall_seconds", number(now->wall_s));
+        fine &= put(row, "spp", band(&p.spp));
+        fine &= put(row, "core_seconds", band(&p.core_s));
+        fine &= put(row, "wall_seconds", band(&p.wall_s));
+        fine &= put(row, "slope", number(p.slope));
+        fine &= put(row, "slope_stderr", number(p.slope_stderr));
+        fine &= json_array_append_new(predictions, row) == 0;
+    }
+    return put(root, "predictions", predictions) && fine;
+}
+
 static bool put_farm(json_t *root, const struct render_report *report)
 {
     bool fine = true;
@@ -187,7 +235,12 @@ char *report_json(const struct render_report *report)
 {
     json_t *root = json_object();
     char *json = NULL;
-    if (put_job(root, report) && put_work(root, report) && put_farm(root, report))
+    bool fine = put_job(root, report) && put_work(root, report);
+    if (fine && report->asked != NULL)
+        fine = put_limits(root, report);
+    if (fine && report->asked != NULL && report->asked->relmse > 0)
+        fine = put_predictions(root, report);
+    if (fine && put_farm(root, report))
         json = json_dumps(root, JSON_INDENT(2) | JSON_REAL_PRECISION(12));
     json_decref(root);
     return json;

@@ -7,7 +7,9 @@
 #define MASTER_REPORT_H
 
 #include "common/sumtree.h"
-#include "master/estimate.h"
+#include "master/ledger.h"
+#include "master/limits.h"
+#include "master/predict.h"
 #include "proto/digest.h"
 
 #include <stdbool.h>
@@ -37,7 +39,10 @@ struct render_report {
     const char *sampler, *paths; /* names; NULL leaves them out */
     const char *effects;
 
-    uint64_t spp_asked, spp;
+    uint64_t spp_asked, spp;      /* asked: 0 is as many as other limits allow */
+    const struct limits *asked;   /* NULL leaves them and the next two out */
+    enum limit stopped_by;        /* LIMIT_NONE: the job did not come to its end */
+    struct predict_job predicted; /* how: predictions are made of the ledger's rows */
     double wall_seconds, core_seconds;
     struct node_stats stats; /* of everything in the picture */
     uint64_t bytes_sent, bytes_received;

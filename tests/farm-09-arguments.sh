@@ -21,8 +21,6 @@ refused 'empty crop' render "$scene" -o "$out" --crop 0.5,0.5,0,1
 refused 'has 96x80 pixels' render "$scene" -o "$out" --crop 0,97,0,80
 refused 'nearest is sobol' render "$scene" -o "$out" --sampler sobl
 refused 'beforehand' render "$scene" -o "$out" --sampler stratified --time 3
-refused 'one of them' render "$scene" -o "$out" --spp 3 --time 3
-refused 'not supported yet' render "$scene" -o "$out" --error 0.01
 refused 'not supported yet' render "$scene" -o "$out" --paths 'LDE'
 refused 'nobody would render' render "$scene" -o "$out" --workers 0
 refused 'o OUT.exr is missing' render "$scene"

@@ -150,7 +150,7 @@ static void render(struct play *play)
                             .bundle = play->bundle,
                             .film = play->film,
                             .title = "spoilt",
-                            .rounds = job_rounds(&play->spec, spp) };
+                            .limits = { .rounds = job_rounds(&play->spec, spp) } };
     play->farm = farm_open(&play->loop, &settings, &job, &events, play, &err);
     assert_non_null(play->farm);
 

@@ -365,7 +365,7 @@ static struct play *play_open(void)
                             .bundle = play->bundle,
                             .film = play->film,
                             .title = "play",
-                            .rounds = rounds };
+                            .limits = { .rounds = rounds } };
     play->farm = farm_open(&play->loop, &settings, &job, &FARM_EVENTS, play, &err);
     assert_non_null(play->farm);
     uv_timer_init(&play->loop, &play->too_long);

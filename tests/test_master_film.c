@@ -643,30 +643,6 @@ static void quantiles_are_those_of_the_tables(void **state)
     }
 }
 
-static void the_ledger_fits_a_slope_and_predicts(void **state)
-{
-    (void)state;
-    struct ledger_row rows[10];
-    for (int i = 0; i < 10; i++) {
-        struct node_stats stats = { .samples = 1000, .truncated_energy = 5 };
-        uint64_t spp = (uint64_t)16 << i;
-        struct accuracy accuracy = { .relmse = 3.0 / (double)spp };
-        rows[i] = estimate_row((unsigned)i, spp, 2 + 0.5 * (double)spp, 0, &accuracy, &stats);
-    }
-    assert_true(rows[0].truncated_energy == 0.005);
-    rows[4].accuracy.verdict = ACCURACY_FEW_PIXELS;
-    rows[4].accuracy.relmse = 1000; /* left out */
-    struct error_fit fit = estimate_fit(rows, 10);
-    assert_int_equal(fit.rows, 9);
-    assert_true(fabs(fit.slope + 1) < 1e-9 && fit.slope_stderr < 1e-6);
-    assert_true(fabs(estimate_spp_for(&fit, 3e-4) / 10000 - 1) < 1e-9);
-    assert_true(fabs(estimate_seconds_left(rows, 10, 16384) - 0.5 * 8192) < 1e-6);
-    assert_true(estimate_seconds_left(rows, 10, 100) == 0);
-    assert_true(isinf(estimate_seconds_left(rows, 0, 100)));
-    fit = estimate_fit(rows, 2);
-    assert_true(fit.rows == 2 && isnan(fit.slope) && isinf(estimate_spp_for(&fit, 1e-3)));
-}
-
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -683,7 +659,6 @@ int main(void)
         cmocka_unit_test(much_noise_widens_the_interval_rather_than_missing),
         cmocka_unit_test(a_few_samples_that_hold_the_sum_make_the_error_unknown),
         cmocka_unit_test(quantiles_are_those_of_the_tables),
-        cmocka_unit_test(the_ledger_fits_a_slope_and_predicts),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -67,7 +67,8 @@ static void play_open(struct play *play)
                                    .profile_text = "none",
                                    .bundle = play->bundle,
                                    .spec = &play->spec };
-    play->pictures = pictures_new(&play->loop, play->film, &facts, play->exr, play->png);
+    struct picture_paths paths = { .exr = play->exr, .png = play->png };
+    play->pictures = pictures_new(&play->loop, play->film, &facts, &paths);
     assert_true(play->picture != NULL && play->pictures != NULL);
 }
 
@@ -92,7 +93,8 @@ static void paint(struct image *picture, float value)
 
 static void refresh(struct play *play)
 {
-    pictures_refresh(play->pictures, play->picture, on_log, play);
+    struct picture_moment moment = { .picture = play->picture };
+    pictures_refresh(play->pictures, &moment, on_log, play);
 }
 
 static void expect_file(const struct play *play, const struct image *picture, const char *complete)
@@ -115,7 +117,8 @@ static void a_refresh_shows_the_picture_as_it_was_when_asked_for(void **state)
     struct play play;
     struct err err = { .code = ERR_OK };
     play_open(&play);
-    pictures_refresh(play.pictures, NULL, on_log, &play); /* no round has ended */
+    struct picture_moment moment = { .picture = NULL }; /* no round has ended */
+    pictures_refresh(play.pictures, &moment, on_log, &play);
     assert_false(pictures_busy(play.pictures));
 
     struct image *before = film_image_new(play.film);
@@ -129,7 +132,8 @@ static void a_refresh_shows_the_picture_as_it_was_when_asked_for(void **state)
     assert_false(pictures_busy(play.pictures));
     expect_file(&play, before, "no");
 
-    assert_true(pictures_write(play.pictures, play.picture, true, &err));
+    moment = (struct picture_moment){ .picture = play.picture, .complete = true };
+    assert_true(pictures_write(play.pictures, &moment, &err));
     expect_file(&play, play.picture, "yes");
     assert_string_equal(play.log, "");
     image_free(before);
@@ -188,10 +192,12 @@ static void writing_again_and_again_keeps_nothing(void **state)
     struct err err = { .code = ERR_OK };
     play_open(&play);
     paint(play.picture, 1);
-    assert_true(pictures_write(play.pictures, play.picture, false, &err)); /* libraries set up */
+    struct picture_moment moment = { .picture = play.picture };
+    for (int i = 0; i < 4; i++) /* libraries set up, malloc's caches filled */
+        assert_true(pictures_write(play.pictures, &moment, &err));
     size_t before = allocated_bytes();
     for (int i = 0; i < 5; i++)
-        assert_true(pictures_write(play.pictures, play.picture, false, &err));
+        assert_true(pictures_write(play.pictures, &moment, &err));
     assert_true(allocated_bytes() < before + SIDE); /* malloc's own caches move by some bytes */
     play_close(&play);
 }
