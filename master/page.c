@@ -48,7 +48,7 @@ static const char STYLE[] =
     ".n{text-align:right;white-space:nowrap}\n"
     "figure{margin:1rem 0;break-inside:avoid}.grid figure{margin:0}\n"
     ".grid{display:grid;gap:1rem;margin:1rem 0}\n"
-    "img{display:block;width:100%;image-rendering:pixelated}\n"
+    "img{display:block;width:100%;height:auto;image-rendering:pixelated}\n"
     "figure>svg{display:block;width:100%;height:auto}\n"
     "@media print{body{max-width:none;padding:0}h2{break-after:avoid}}\n";
 
