@@ -96,49 +96,82 @@ static bool encode(const struct source *source, FILE *out, uint8_t *row, struct 
     return true;
 }
 
+/* Encode into a stream that the caller has opened; what fails is said without the file's name. */
+static bool write_to(FILE *out, const struct source *source, struct err *err)
+{
+    uint8_t *row = malloc((size_t)3 * source->width);
+    if (row == NULL)
+        return err_set(err, ERR_MEMORY, "out of memory");
+    bool encoded = encode(source, out, row, err);
+    free(row);
+    return encoded;
+}
+
 static bool write_file(const struct source *source, const char *path, struct err *err)
 {
-    struct err why = { .code = ERR_MEMORY, .text = "out of memory" };
+    struct err why = { 0 };
     struct atomic_file file;
     if (!atomic_file_open(&file, path, err))
         return false;
-    uint8_t *row = malloc((size_t)3 * source->width);
-    if (row == NULL)
-        goto fail_row;
     /* A stream of its own on the same file, so that closing it flushes and the file can be synced
      */
     FILE *out = fopen(file.temporary, "wb");
     if (out == NULL) {
         err_set(&why, ERR_IO, "%s", strerror(errno));
-        goto fail_stream;
+        goto fail;
     }
-    bool encoded = encode(source, out, row, &why);
+    bool encoded = write_to(out, source, &why);
     if (fclose(out) != 0 && encoded)
         encoded = err_set(&why, ERR_IO, "%s", strerror(errno));
     if (!encoded)
-        goto fail_stream;
-    free(row);
+        goto fail;
     return atomic_file_commit(&file, err);
 
-fail_stream:
-    free(row);
-fail_row:
+fail:
     atomic_file_abort(&file);
     return err_set(err, why.code, "%s: %s", path, why.text);
 }
 
-bool png_preview_write(const struct image *image, const char *path, struct err *err)
+static bool open_image(const struct image *image, struct source *source, struct err *err)
 {
-    struct source source = {
+    *source = (struct source){
         .width = image->display_width,
         .height = image->display_height,
         .fill_row = fill_from_image,
         .image = image,
         .rgb = { image_channel(image, "R"), image_channel(image, "G"), image_channel(image, "B") },
     };
-    if (source.rgb[0] == NULL || source.rgb[1] == NULL || source.rgb[2] == NULL)
-        return err_set(err, ERR_ARGUMENT, "%s: no channels R, G and B to show", path);
+    if (source->rgb[0] == NULL || source->rgb[1] == NULL || source->rgb[2] == NULL)
+        return err_set(err, ERR_ARGUMENT, "no channels R, G and B to show");
+    return true;
+}
+
+bool png_preview_write(const struct image *image, const char *path, struct err *err)
+{
+    struct source source;
+    if (!open_image(image, &source, err))
+        return err_wrap(err, "%s", path);
     return write_file(&source, path, err);
+}
+
+bool png_preview_encode(const struct image *image, uint8_t **bytes, size_t *size, struct err *err)
+{
+    struct source source;
+    char *text;
+    if (!open_image(image, &source, err))
+        return false;
+    FILE *out = open_memstream(&text, size);
+    if (out == NULL)
+        return err_set(err, ERR_MEMORY, "out of memory");
+    bool encoded = write_to(out, &source, err);
+    if (fclose(out) != 0 && encoded)
+        encoded = err_set(err, ERR_MEMORY, "out of memory");
+    if (!encoded) {
+        free(text);
+        return false;
+    }
+    *bytes = (uint8_t *)text;
+    return true;
 }
 
 bool png_bytes_write(const uint8_t *rgb, uint32_t width, uint32_t height, const char *path,

@@ -6,6 +6,7 @@
 #define MASTER_PNG_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 struct err;
@@ -16,8 +17,10 @@ struct image;
  * values and NaN are black, infinity is white. Blocks on the disk.
  */
 bool png_preview_write(const struct image *image, const char *path, struct err *err);
+/* The same in memory; the caller frees them. */
+bool png_preview_encode(const struct image *image, uint8_t **bytes, size_t *size, struct err *err);
 
-/* The same of pixels that are sRGB bytes already: red, green, blue, row by row, top row first. */
+/* A picture whose pixels are sRGB bytes already: red, green, blue, row by row, top row first. */
 bool png_bytes_write(const uint8_t *rgb, uint32_t width, uint32_t height, const char *path,
                      struct err *err);
 

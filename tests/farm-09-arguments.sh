@@ -22,11 +22,14 @@ refused 'has 96x80 pixels' render "$scene" -o "$out" --crop 0,97,0,80
 refused 'nearest is sobol' render "$scene" -o "$out" --sampler sobl
 refused 'beforehand' render "$scene" -o "$out" --sampler stratified --time 3
 refused 'not supported yet' render "$scene" -o "$out" --paths 'LDE'
+refused 'need another end' render "$scene" -o "$out" --no-roulette
 refused 'nobody would render' render "$scene" -o "$out" --workers 0
 refused 'o OUT.exr is missing' render "$scene"
 refused 'which scene' render -o "$out"
 refused 'two scenes' render "$scene" "$scene" -o "$out"
 refused "$work/nothing.pbrt" render "$work/nothing.pbrt" -o "$out"
+sed 's/"infinite" "rgb L"/"point" "rgb I"/' "$scene" >"$work/point.pbrt"
+refused 'no path finds' render "$work/point.pbrt" -o "$out" --no-light-sampling
 [ ! -e "$out" ] || fail "something was rendered"
 
 "$bin/pathfarm" --version | grep -q '^pathfarm ' || fail "--version"
