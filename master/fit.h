@@ -7,6 +7,8 @@
 
 #include <stddef.h>
 
+#define FIT_MAX 64 /* points of fit_power; more are left out */
+
 struct fit_line {
     double slope, at_zero; /* y = at_zero + slope x; NaN below two different x */
     double slope_error;    /* standard error, from the errors of the points */

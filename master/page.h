@@ -3,9 +3,7 @@
  * refers to nothing outside itself. Pictures are data: URIs of PNG, plots are inline SVG, the style
  * is one element. Readable on paper and on a phone, in light and in dark.
  *
- * Text is plain UTF-8; whatever it holds is escaped. Four marks are understood in it, none of which
- * turns up in names and paths by chance: ^{above} and _{below} the line, *{emphasis} and `{code}.
- * They do not nest, and a mark that is never closed stands as it is.
+ * Text is plain UTF-8; whatever it holds is escaped, but for the marks of markup.h.
  *
  * The page remembers its first failure, so that a writer has no branches; page_save tells of it.
  * Used by one thread.
@@ -39,8 +37,8 @@ void page_note(struct page *page, const char *label, const char *format, ...) PA
 void page_code(struct page *page, const char *text);
 
 /*
- * A table. Cells are separated by tabs; all but those that do not begin as numbers are set to the
- * right. A column's heading is what its first row says, and stands above a line.
+ * A table. Cells, and headings, are separated by tabs. Cells that begin as numbers are set to the
+ * right, and headings as the first row's cells are.
  */
 void page_table_begin(struct page *page, const char *caption, const char *headings);
 void page_row(struct page *page, const char *format, ...) PAGE_FORMAT(2);
@@ -58,9 +56,9 @@ void page_plot(struct page *page, const struct plot *plot, const char *caption);
 void page_picture(struct page *page, const struct image *image, const char *format, ...)
     PAGE_FORMAT(3);
 
-/* The first failure so far, or success; false in between means that later calls do nothing. */
-bool page_save(struct page *page, const char *path, struct err *err); /* through atomic_file */
-/* The same into memory; the caller frees *text. */
+/* The page as it is so far; the caller frees *text. False with the first failure there was. */
 bool page_finish(struct page *page, char **text, size_t *size, struct err *err);
+/* The same into a file that appears whole or not at all. */
+bool page_save(struct page *page, const char *path, struct err *err);
 
 #endif

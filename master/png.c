@@ -62,7 +62,11 @@ static bool encode(const struct image *image, const float *const rgb[3], FILE *o
     if (png == NULL)
         return err_set(err, ERR_MEMORY, "out of memory");
     info = png_create_info_struct(png);
-    if (info == NULL || setjmp(png_jmpbuf(png)) != 0) {
+    if (info == NULL) {
+        png_destroy_write_struct(&png, NULL);
+        return err_set(err, ERR_MEMORY, "out of memory");
+    }
+    if (setjmp(png_jmpbuf(png)) != 0) {
         png_destroy_write_struct(&png, &info);
         return false;
     }
@@ -80,38 +84,59 @@ static bool encode(const struct image *image, const float *const rgb[3], FILE *o
     return true;
 }
 
-bool png_preview_write(const struct image *image, const char *path, struct err *err)
+/* Encode into a stream that the caller has opened; what fails is said without the file's name. */
+static bool write_to(FILE *out, const struct image *image, struct err *err)
 {
     const float *rgb[3] = { image_channel(image, "R"), image_channel(image, "G"),
                             image_channel(image, "B") };
     if (rgb[0] == NULL || rgb[1] == NULL || rgb[2] == NULL)
-        return err_set(err, ERR_ARGUMENT, "%s: no channels R, G and B to show", path);
+        return err_set(err, ERR_ARGUMENT, "no channels R, G and B to show");
+    uint8_t *row = malloc((size_t)3 * image->display_width);
+    if (row == NULL)
+        return err_set(err, ERR_MEMORY, "out of memory");
+    bool encoded = encode(image, rgb, out, row, err);
+    free(row);
+    return encoded;
+}
 
-    struct err why = { .code = ERR_MEMORY, .text = "out of memory" };
+bool png_preview_write(const struct image *image, const char *path, struct err *err)
+{
+    struct err why = { 0 };
     struct atomic_file file;
     if (!atomic_file_open(&file, path, err))
         return false;
-    uint8_t *row = malloc((size_t)3 * image->display_width);
-    if (row == NULL)
-        goto fail_row;
     /* A stream of its own on the same file, so that closing it flushes and the file can be synced
      */
     FILE *out = fopen(file.temporary, "wb");
     if (out == NULL) {
         err_set(&why, ERR_IO, "%s", strerror(errno));
-        goto fail_stream;
+        goto fail;
     }
-    bool encoded = encode(image, rgb, out, row, &why);
+    bool encoded = write_to(out, image, &why);
     if (fclose(out) != 0 && encoded)
         encoded = err_set(&why, ERR_IO, "%s", strerror(errno));
     if (!encoded)
-        goto fail_stream;
-    free(row);
+        goto fail;
     return atomic_file_commit(&file, err);
 
-fail_stream:
-    free(row);
-fail_row:
+fail:
     atomic_file_abort(&file);
     return err_set(err, why.code, "%s: %s", path, why.text);
+}
+
+bool png_preview_encode(const struct image *image, uint8_t **bytes, size_t *size, struct err *err)
+{
+    char *text;
+    FILE *out = open_memstream(&text, size);
+    if (out == NULL)
+        return err_set(err, ERR_MEMORY, "out of memory");
+    bool encoded = write_to(out, image, err);
+    if (fclose(out) != 0 && encoded)
+        encoded = err_set(err, ERR_MEMORY, "out of memory");
+    if (!encoded) {
+        free(text);
+        return false;
+    }
+    *bytes = (uint8_t *)text;
+    return true;
 }

@@ -5,6 +5,7 @@
 #define MASTER_PNG_H
 
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 
 struct err;
@@ -15,6 +16,9 @@ struct image;
  * values and NaN are black, infinity is white. Blocks on the disk.
  */
 bool png_preview_write(const struct image *image, const char *path, struct err *err);
+
+/* The same bytes in memory; the caller frees them. */
+bool png_preview_encode(const struct image *image, uint8_t **bytes, size_t *size, struct err *err);
 
 /* The sRGB curve on one value, rounded to 0..255; NaN gives 0. Pure. */
 uint8_t png_preview_byte(float linear);
