@@ -1,6 +1,7 @@
 /* The `pathfarm` program: its commands, in a table. */
 #include "master/cmd_compare.h"
 #include "master/cmd_keygen.h"
+#include "master/cmd_lecture.h"
 #include "master/cmd_plan.h"
 #include "master/cmd_render.h"
 #include "master/cmd_selftest.h"
@@ -14,6 +15,7 @@
     X(plan, "SCENE", "what rendering a scene would involve, without doing it")     \
     X(compare, "A.exr B.exr", "how far picture A is from the reference B")         \
     X(keygen, "DIR", "make the keys of a farm")                                    \
+    X(lecture, "", "the lecture on path tracing, run: a page of experiments")      \
     X(selftest, "", "check this machine's arithmetic")
 
 static const struct command {
