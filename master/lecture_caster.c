@@ -49,15 +49,17 @@ static double hit_sphere(const struct caster_object *s, lecture_vec o, lecture_v
     return middle - root > NEAREST ? middle - root : middle + root;
 }
 
-static double hit_parallelogram(const struct caster_object *q, lecture_vec o, lecture_vec d)
+static double hit_parallelogram(const struct caster_object *q, lecture_vec o, lecture_vec d,
+                                double end)
 {
     /* Solve o + t d = at + a u + b v by Cramer's rule */
-    lecture_vec n = cross(q->u, q->v), from = o - q->at, across = cross(d, from);
-    double det = dot(d, n);
-    if (det == 0)
+    lecture_vec n = cross(q->u, q->v), from = o - q->at;
+    double det = dot(d, n), t = -dot(from, n) / det;
+    if (!(t > NEAREST && t < end))
         return INFINITY;
-    double a = -dot(across, q->v) / det, b = dot(across, q->u) / det;
-    return a >= 0 && a <= 1 && b >= 0 && b <= 1 ? -dot(from, n) / det : INFINITY;
+    lecture_vec across = cross(d, from);
+    double a = dot(across, q->v) / det, b = -dot(across, q->u) / det;
+    return a >= 0 && a <= 1 && b >= 0 && b <= 1 ? t : INFINITY;
 }
 
 static bool cast(const struct caster_scene *scene, lecture_vec o, lecture_vec d, double end,
@@ -66,7 +68,8 @@ static bool cast(const struct caster_scene *scene, lecture_vec o, lecture_vec d,
     *hit = (struct hit){ .t = end };
     for (unsigned i = 0; i < scene->object_count; i++) {
         const struct caster_object *object = &scene->objects[i];
-        double t = object->sphere ? hit_sphere(object, o, d) : hit_parallelogram(object, o, d);
+        double t = object->sphere ? hit_sphere(object, o, d)
+                                  : hit_parallelogram(object, o, d, hit->t);
         if (t > NEAREST && t < hit->t) {
             hit->t = t;
             hit->object = object;

@@ -14,6 +14,16 @@
 
 enum purpose { HEMISPHERE = 300, HEMISPHERE_PLOT, POLYGON, POLYGON_PLOT, EXACT, MIXTURE };
 
+/* "0.31", or "0 (< 1e-12)" */
+static const char *p_text(double p)
+{
+    static char text[32];
+    if (p < 1e-12)
+        return "0 (< 1e-12)";
+    snprintf(text, sizeof(text), "%.2g", p);
+    return text;
+}
+
 /* ---- the hemisphere */
 
 static lecture_vec from_cosine(double z, double turn)
@@ -136,8 +146,8 @@ static void write_hemisphere(struct lecture *lecture)
         struct lecture_hemisphere_result r = lecture_directions_measure(
             how, n, lecture_dice(lecture->seed, HEMISPHERE, how));
         accepted = how == LECTURE_HEMISPHERE_REJECTION ? 1 / r.tries : accepted;
-        page_row(page, "%s\t%.4f\t%.3f\t%.4f\t%.2g\t%.5f\t%.5f", NAMES[how], r.tries, r.numbers,
-                 r.mean_z, r.p, r.integral, r.integral_error);
+        page_row(page, "%s\t%.4f\t%.3f\t%.4f\t%s\t%.5f\t%.5f", NAMES[how], r.tries, r.numbers,
+                 r.mean_z, p_text(r.p), r.integral, r.integral_error);
     }
     page_table_end(page);
     page_note(page, "Result",
@@ -401,8 +411,8 @@ static void write_polygon(struct lecture *lecture)
             struct lecture_polygon_result r = lecture_directions_measure_polygon(
                 how, polygon, n,
                 lecture_dice(lecture->seed, POLYGON, (uint64_t)(10 * corners + how)));
-            page_row(page, "%s\t%s\t%.5f\t%.4f\t%.2g", corners == 3 ? "triangle" : "pentagon",
-                     NAMES[how], r.acceptance, r.inner, r.p);
+            page_row(page, "%s\t%s\t%.5f\t%.4f\t%s", corners == 3 ? "triangle" : "pentagon",
+                     NAMES[how], r.acceptance, r.inner, p_text(r.p));
         }
     page_table_end(page);
     page_note(

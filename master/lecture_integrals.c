@@ -189,7 +189,7 @@ static void write_polynomial(struct lecture *lecture)
         "With the density p(x) = 5x^{4}, drawn by the inverse of its distribution, x = "
         "u^{1/5}, every sample gives f/p = 1: the variance is zero.");
     page_table_begin(page, NULL,
-                     "N\t[0, 1] uniform\tits σ/√N\tin σ/√N\t[0, 2] uniform\tits σ/√N\tin "
+                     "N\t[0, 1] uniform\tσ/√N\terror in σ/√N\t[0, 2] uniform\tσ/√N\terror in "
                      "σ/√N\t[0, 1] by own density\tvariance of its samples");
     for (uint64_t n = 1; n <= (lecture->quick ? 10000u : 1000000u); n *= 10) {
         struct lecture_dice dice = lecture_dice(lecture->seed, POLYNOMIAL, n);
@@ -198,7 +198,7 @@ static void write_polynomial(struct lecture *lecture)
         struct lecture_dice own = lecture_dice(lecture->seed, OWN_PDF, n);
         struct moments importance = lecture_integrals_importance(n, &own);
         double root = sqrt((double)n);
-        char variance[32] = "unknown from one";
+        char variance[32] = "-";
         if (n > 1)
             snprintf(variance, sizeof(variance), "%g", moments_variance(&importance));
         page_row(page, "%" PRIu64 "\t%.5f\t%.5f\t%+.2f\t%.4f\t%.4f\t%+.2f\t%.5f\t%s", n, one,
@@ -276,6 +276,8 @@ static void write_wave_table(struct lecture *lecture, const struct lecture_wave 
                          (PRINTED[i].random - wave->integral) / sigma);
             snprintf(slide[1], sizeof(slide[1]), "%.5f (%+.1f)", PRINTED[i].stratified,
                      (PRINTED[i].stratified - wave->integral) / strata);
+            if (strata < 5e-6) /* half of its last digit */
+                snprintf(slide[1], sizeof(slide[1]), "%.5f (rounded)", PRINTED[i].stratified);
         }
         page_row(page, "%" PRIu64 "\t%s\t%.5f (%+.1f)\t%s\t%.9f (%+.1f)", n, slide[0], random,
                  (random - wave->integral) / sigma, slide[1], stratified,
@@ -323,10 +325,7 @@ static void write_wave_rates(struct lecture *lecture, const struct lecture_wave 
                               .series_count = 4 },
               "Each point is the error of many estimates (1000, fewer where N is large), with "
               "its standard error; slopes are fitted from N = 100 on.");
-    page_table_begin(
-        page, NULL,
-        "N\trandom: RMSE\ttheory\tmeasured / theory\tstratified: RMSE\ttheory\tmeasured "
-        "/ theory");
+    page_table_begin(page, NULL, "N\trandom: RMSE\ttheory\tratio\tstratified: RMSE\ttheory\tratio");
     for (size_t i = 0; i < random.count; i++)
         page_row(page, "%.0f\t%.4g\t%.4g\t%.3f\t%.4g\t%.4g\t%.3f", random.n[i], random.rmse[i],
                  theory[0][i], random.rmse[i] / theory[0][i], stratified.rmse[i], theory[1][i],
@@ -353,7 +352,8 @@ static void write_wave(struct lecture *lecture)
     plot_wave(lecture);
     page_note(page, "Trap",
               "The slide's first row, 2.75039 for one unstratified sample, is impossible: no value "
-              "of f is above e = 2.718281828. The other rows agree with theory.");
+              "of f is above e = 2.718281828. All other rows can be: the largest deviation, "
+              "+2.7 standard errors, is there by chance in one of fourteen such tables.");
     write_wave_table(lecture, &wave);
     page_note(page, "Trap",
               "The slide's last stratified rows, twice 1.77610, look as if nothing improved any "
@@ -363,15 +363,21 @@ static void write_wave(struct lecture *lecture)
     write_wave_rates(lecture, &wave);
 }
 
-/* Points of the square of side 2, by whether they lie in the disc */
-static void plot_disc(struct lecture *lecture)
+/* Points of the square of side 2, by whether they lie in the disc; random, or one in each cell */
+static void plot_disc(struct lecture *lecture, bool cells)
 {
-    enum { POINTS = 1000 };
+    enum { SIDE = 32, POINTS = SIDE * SIDE };
     static double x[2][POINTS], y[2][POINTS];
     size_t count[2] = { 0, 0 };
-    struct lecture_dice dice = lecture_dice(lecture->seed, DISC, 0);
+    struct lecture_dice dice = lecture_dice(lecture->seed, DISC, cells);
     for (int i = 0; i < POINTS; i++) {
-        double a = 2 * lecture_roll(&dice) - 1, b = 2 * lecture_roll(&dice) - 1;
+        double a = lecture_roll(&dice), b = lecture_roll(&dice);
+        if (cells) {
+            a = (i % SIDE + a) / SIDE;
+            b = (i / SIDE + b) / SIDE;
+        }
+        a = 2 * a - 1;
+        b = 2 * b - 1;
         int inside = a * a + b * b <= 1;
         x[inside][count[inside]] = a;
         y[inside][count[inside]++] = b;
@@ -381,8 +387,8 @@ static void plot_disc(struct lecture *lecture)
         { NULL, PLOT_DOTS, count[0], x[0], y[0], NULL },
     };
     char caption[160];
-    snprintf(caption, sizeof(caption),
-             "1000 random points, r = %zu of them in the disc: 4r/n = %.3f", count[1],
+    snprintf(caption, sizeof(caption), "%d %s, r = %zu of them in the disc: 4r/n = %.4f", POINTS,
+             cells ? "points, one in each of 32 × 32 cells" : "random points", count[1],
              4 * (double)count[1] / POINTS);
     page_plot(lecture->page,
               &(struct plot){ .title = "Points in a square and in its disc",
@@ -405,12 +411,12 @@ static void write_pi(struct lecture *lecture)
               "further digit costs a hundred times the points.");
     struct lecture_rate random = { 0 }, cells = { 0 }, smooth_cells = { 0 };
     page_grid_begin(page, 280);
-    plot_disc(lecture);
+    plot_disc(lecture, false);
+    plot_disc(lecture, true);
     page_grid_end(page);
     page_table_begin(
         page, NULL,
-        "n\t4r/n, random\terror in standard errors\t4r/n, one point in each of n square "
-        "cells\terror");
+        "n\t4r/n, random\terror in standard errors\t4r/n, a point in each of n cells\terror");
     for (uint64_t n = 4; n <= (lecture->quick ? 16384u : 1048576u); n *= 4) {
         struct lecture_dice dice = lecture_dice(lecture->seed, PI_RANDOM, n);
         double one = lecture_integrals_pi_random(NULL, n, &dice);
@@ -437,7 +443,7 @@ static void write_pi(struct lecture *lecture)
     char names[3][96];
     for (int i = 0; i < 3; i++) {
         snprintf(names[i], sizeof(names[i]), "%s: slope %s (theory: %s)", what[i],
-                 lecture_slope_text(lecture_rate_fit(rates[i], 0)), theory[i]);
+                 lecture_slope_text(lecture_rate_fit(rates[i], 256)), theory[i]);
         series[i] = (struct plot_series){ names[i],    PLOT_MARKERS | PLOT_LINE, rates[i]->count,
                                           rates[i]->n, rates[i]->rmse,           rates[i]->error };
     }
@@ -447,7 +453,7 @@ static void write_pi(struct lecture *lecture)
                               .y = { .label = "root mean square error", .log = true },
                               .series = series,
                               .series_count = 3 },
-              NULL);
+              "Slopes are fitted from 256 points on.");
     page_note(page, "Result",
               "What strata are worth depends on the dimension and on the function: N^{-3/2} for a "
               "smooth one in one dimension, N^{-1} in two (that is the slide's O(1/N)), and only "

@@ -141,7 +141,7 @@ void lecture_light_show(struct page *page, const struct lecture_pair *pair, cons
 {
     struct image *image = lecture_caster_image(&pair->film[0]);
     if (image != NULL)
-        page_picture(page, image, "%s: error %.4f", label, lecture_light_rmse(pair));
+        page_picture(page, image, "%s: error %.3g", label, lecture_light_rmse(pair));
     image_free(image);
 }
 

@@ -66,17 +66,17 @@ static void plot_variance(struct lecture *lecture)
         }
     }
     const struct plot_series series[] = {
-        { "albedo 0.5: variance of a path", PLOT_LINE, STEPS, q, variance[0], NULL },
-        { "albedo 0.8: variance of a path", PLOT_LINE, STEPS, q, variance[1], NULL },
-        { "albedo 0.5: variance x walls", PLOT_DASHED, STEPS, q, work[0], NULL },
-        { "albedo 0.8: variance x walls", PLOT_DASHED, STEPS, q, work[1], NULL },
-        { "measured, albedo 0.5", PLOT_MARKERS, MEASURED, at[0], measured[0], NULL },
-        { "measured, albedo 0.8", PLOT_MARKERS, MEASURED, at[1], measured[1], NULL },
+        { "albedo 0.5: variance, theory", PLOT_LINE, STEPS, q, variance[0], NULL },
+        { "measured", PLOT_MARKERS | PLOT_SAME, MEASURED, at[0], measured[0], NULL },
+        { "variance × walls, theory", PLOT_DASHED | PLOT_SAME, STEPS, q, work[0], NULL },
+        { "albedo 0.8: variance, theory", PLOT_LINE, STEPS, q, variance[1], NULL },
+        { "measured", PLOT_MARKERS | PLOT_SAME, MEASURED, at[1], measured[1], NULL },
+        { "variance × walls, theory", PLOT_DASHED | PLOT_SAME, STEPS, q, work[1], NULL },
     };
     page_plot(lecture->page,
               &(struct plot){ .title = "What a survival probability costs",
                               .x = { .label = "survival probability q", .low = .3, .high = 1 },
-                              .y = { .label = "variance", .log = true, .low = .3, .high = 1000 },
+                              .y = { .label = "variance", .log = true, .low = .05, .high = 1000 },
                               .series = series,
                               .series_count = 6 },
               "Variance times walls is the variance for a given number of rays: what counts. "
@@ -92,10 +92,9 @@ static void write_furnace(struct lecture *lecture)
               "After each reflection a path survives with probability q, and survivors are "
               "weighted by 1/q. In a furnace (walls that emit 1 and reflect 0.5 of it) the light "
               "is 1/(1 - 0.5) = 2 everywhere, whatever q:");
-    page_table_begin(
-        page, NULL,
-        "q\tmean (2)\t± standard error\tin standard errors\tvariance\ttheory\twalls per "
-        "path\ttheory\tvariance x walls, theory");
+    page_table_begin(page, NULL,
+                     "q\tmean (2)\t± standard error\terror in them\tvariance\ttheory\twalls per "
+                     "path\ttheory\tvariance × walls");
     for (size_t i = 0; i < sizeof(Q) / sizeof(Q[0]); i++) {
         double error;
         struct lecture_furnace got = lecture_roulette_measure(
@@ -135,10 +134,10 @@ static void write_picture(struct lecture *lecture)
     uint64_t paths = lecture->quick ? 4 : 64;
     page_heading(page, "Russian roulette in a picture");
     page_table_begin(page,
-                     "The diffuse room with light sampling. Error x √rays: the error for a given "
+                     "The diffuse room with light sampling. Error × √rays: the error for a given "
                      "number of rays.",
                      "survival\tmean of the picture\t± standard error\trays per path\terror of the "
-                     "picture\terror x √rays");
+                     "picture\terror × √rays");
     for (size_t i = 0; i < sizeof(Q) / sizeof(Q[0]); i++) {
         const struct caster_how how = { .light_sampling = true, .survival = Q[i] };
         struct lecture_pair pair = lecture_light_pair(&room, &how, size, paths,
