@@ -2,6 +2,7 @@
 #include "master/cmd_accuracy.h"
 #include "master/cmd_compare.h"
 #include "master/cmd_keygen.h"
+#include "master/cmd_lecture.h"
 #include "master/cmd_merge.h"
 #include "master/cmd_plan.h"
 #include "master/cmd_render.h"
@@ -18,6 +19,7 @@
     X(accuracy, "SCENE", "what accuracy costs in time: techniques and samplers compared") \
     X(merge, "A.exr B.exr ...", "join pictures of one job with different seeds")          \
     X(keygen, "DIR", "make the keys of a farm")                                           \
+    X(lecture, "", "the lecture on path tracing, run: a page of experiments")             \
     X(selftest, "", "check this machine's arithmetic")
 
 static const struct command {

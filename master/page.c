@@ -45,7 +45,7 @@ static const char STYLE[] =
     "caption,figcaption{color:var(--faint);font-size:.9rem;text-align:left;padding:.2rem 0}\n"
     "th,td{text-align:left;padding:.15rem .8rem .15rem 0;vertical-align:top}\n"
     "th{border-bottom:1px solid var(--line);vertical-align:bottom}\n"
-    ".n{text-align:right;white-space:nowrap}\n"
+    ".n{text-align:right}td.n{white-space:nowrap}\n"
     "figure{margin:1rem 0;break-inside:avoid}.grid figure{margin:0}\n"
     ".grid{display:grid;gap:1rem;margin:1rem 0}\n"
     "img{display:block;width:100%;height:auto;image-rendering:pixelated}\n"

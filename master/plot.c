@@ -335,12 +335,20 @@ static size_t legend_lines(const struct plot *plot)
     return (names + columns - 1) / columns;
 }
 
+/* The colour of a series, and *next for the one after it */
+static unsigned take_colour(const struct plot_series *series, unsigned *next)
+{
+    if (series->style & PLOT_SAME)
+        return *next > 0 ? *next - 1 : 0;
+    return series->style & PLOT_GREY ? 0 : (*next)++;
+}
+
 static void draw_legend(const struct canvas *c, double top)
 {
-    unsigned colour = 0, columns = legend_columns(c->plot), entry = 0;
+    unsigned next = 0, columns = legend_columns(c->plot), entry = 0;
     for (size_t i = 0; i < c->plot->series_count; i++) {
         const struct plot_series *series = &c->plot->series[i];
-        unsigned own = series->style & PLOT_GREY ? 0 : colour++;
+        unsigned own = take_colour(series, &next);
         if (series->name == NULL)
             continue;
         double x = c->left + entry % columns * (c->width / columns);
@@ -417,11 +425,9 @@ void plot_write(const struct plot *plot, FILE *out)
             "<svg x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"%.1f\" "
             "viewBox=\"%.1f %.1f %.1f %.1f\">\n",
             c.left, c.top, c.width, c.height, c.left, c.top, c.width, c.height);
-    unsigned colour = 0;
-    for (size_t i = 0; i < plot->series_count; i++) {
-        draw_series(&c, &plot->series[i], colour);
-        colour += !(plot->series[i].style & PLOT_GREY);
-    }
+    unsigned next = 0;
+    for (size_t i = 0; i < plot->series_count; i++)
+        draw_series(&c, &plot->series[i], take_colour(&plot->series[i], &next));
     fputs("</svg>\n", out);
     fprintf(out,
             "<rect x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"%.1f\" fill=\"none\" "

@@ -29,6 +29,7 @@ enum plot_style {
     PLOT_MARKERS = 4, /* a shape at each point: the colour's own */
     PLOT_DOTS = 8,    /* small dots: for hundreds of points */
     PLOT_GREY = 16,   /* the colour of the text, and not one of the series' colours */
+    PLOT_SAME = 32,   /* colour and marker of the series before: its theory, its fit */
 };
 
 struct plot_series {

@@ -24,6 +24,9 @@ bool png_preview_encode(const struct image *image, uint8_t **bytes, size_t *size
 bool png_bytes_write(const uint8_t *rgb, uint32_t width, uint32_t height, const char *path,
                      struct err *err);
 
+/* The same bytes in memory; the caller frees them. */
+bool png_preview_encode(const struct image *image, uint8_t **bytes, size_t *size, struct err *err);
+
 /* The sRGB curve on one value, rounded to 0..255; NaN gives 0. Pure. */
 uint8_t png_preview_byte(float linear);
 
