@@ -85,14 +85,16 @@ struct image *film_image_new(const struct film *film);
  * ones. `image` (or NULL) has the crop window's size; its channels are added, or overwritten when
  * it has them already:
  *   R G B                     (1/K) * sum over replicates, in order, of (sum / n), in double
- *   stderr.R stderr.G stderr.B  standard error of that, from the replicate means (K-1 degrees of
- *                             freedom); +inf, "unknown", below two replicates and where
- *                             non-finite samples were lost
+ *   stderr.R stderr.G stderr.B  standard error of that, from the replicate means of the pixel and
+ *                             its neighbours in the tile (film_stderr_dof degrees of freedom,
+ *                             fewer at the tile's edges); +inf, "unknown", below two replicates
+ *                             and where non-finite samples were lost
  *   samples                   per pixel, of all replicates
  *   A depth.Z ...             the layers of the job (master/layers.h)
  * and its data and display windows set. `estimate` (or NULL) gets the error estimate of the same
  * picture. One pass over the sums. False: ERR_MEMORY, or an image of another size.
  */
+uint32_t film_stderr_dof(uint32_t replicates);
 bool film_image(const struct film *film, struct image *image, struct estimate *estimate,
                 struct err *err);
 

@@ -64,7 +64,7 @@ static bool add_facts(const struct pictures *p, struct image *image, bool comple
     snprintf(seed, sizeof(seed), "%llu", (unsigned long long)f->spec->seed);
     snprintf(spp, sizeof(spp), "%llu", (unsigned long long)film_spp(p->film));
     snprintf(replicates, sizeof(replicates), "%u", f->spec->replicates);
-    snprintf(dof, sizeof(dof), "%u", f->spec->replicates - 1);
+    snprintf(dof, sizeof(dof), "%u", film_stderr_dof(f->spec->replicates));
     snprintf(clamped, sizeof(clamped), "%llu",
              (unsigned long long)exr_values_clamped(image, &f->format));
     const struct {
