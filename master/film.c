@@ -484,47 +484,70 @@ static struct tile_means read_tile(const struct film *film, uint32_t tile, uint3
 static const char *const PLANE_NAMES[PLANES] = { "R",        "G",        "B",      "stderr.R",
                                                  "stderr.G", "stderr.B", "samples" };
 
-/* Mean and standard error of `count` values that lie in a row of the tile. */
-static void write_row(const struct tile_means *tile, uint32_t channel, uint32_t row,
-                      float *mean_out, float *stderr_out)
+/* Mean over the replicates and variance of it, pixel by pixel; nothing where samples were lost. */
+static void mean_and_variance(const struct tile_means *tile, uint32_t channel, double *mean,
+                              double *variance)
 {
-    size_t pixels = (size_t)tile->width * tile->height;
-    const double *means = tile->means + channel * pixels + (size_t)row * tile->width;
-    size_t stride = 3 * pixels;
-    double k_count = tile->replicates, mean[TILE_SIZE] = { 0 }, m2[TILE_SIZE] = { 0 };
-
+    uint32_t pixels = tile->width * tile->height;
+    double k_count = tile->replicates;
+    memset(mean, 0, pixels * sizeof(*mean));
+    memset(variance, 0, pixels * sizeof(*variance));
     for (uint32_t k = 0; k < tile->replicates; k++)
-        for (uint32_t x = 0; x < tile->width; x++)
-            mean[x] += means[k * stride + x];
-    for (uint32_t x = 0; x < tile->width; x++)
-        mean[x] = tile->replicates == 0 ? 0 : mean[x] / k_count;
+        for (uint32_t p = 0; p < pixels; p++)
+            mean[p] += tile->means[((size_t)k * 3 + channel) * pixels + p];
+    for (uint32_t p = 0; tile->replicates > 0 && p < pixels; p++)
+        mean[p] /= k_count;
     for (uint32_t k = 0; k < tile->replicates; k++)
-        for (uint32_t x = 0; x < tile->width; x++) {
-            double distance = means[k * stride + x] - mean[x];
-            m2[x] += distance * distance;
+        for (uint32_t p = 0; p < pixels; p++) {
+            double distance = tile->means[((size_t)k * 3 + channel) * pixels + p] - mean[p];
+            variance[p] += distance * distance / ((k_count - 1) * k_count);
         }
-    for (uint32_t x = 0; x < tile->width; x++) {
-        mean_out[x] = (float)mean[x];
-        stderr_out[x] = tile->replicates < 2 ? INFINITY
-                                             : (float)sqrt(m2[x] / ((k_count - 1) * k_count));
-    }
+    for (uint32_t p = 0; p < pixels; p++)
+        if (tile->failed[p / 32] >> p % 32 & 1)
+            variance[p] = INFINITY;
+}
+
+/*
+ * A pixel's variance from a few replicates says little, and too little where noise is skewed: the
+ * pixels that miss the light that lies beside the mean miss it in their variance, too. So it is
+ * the mean over the pixel and its neighbours in the tile (those that lost no samples).
+ */
+static double pooled_variance(const struct tile_means *tile, const double *variance, uint32_t x,
+                              uint32_t y)
+{
+    double sum = 0, count = 0;
+    for (uint32_t v = y > 0 ? y - 1 : 0; v <= y + 1 && v < tile->height; v++)
+        for (uint32_t u = x > 0 ? x - 1 : 0; u <= x + 1 && u < tile->width; u++) {
+            double value = variance[v * tile->width + u];
+            if (isinf(value))
+                continue;
+            sum += value;
+            count++;
+        }
+    return sum / count;
+}
+
+uint32_t film_stderr_dof(uint32_t replicates)
+{
+    return 9 * (replicates - 1);
 }
 
 static void write_tile(const struct film *film, uint32_t tile, const struct tile_means *means,
                        float *const planes[PLANES])
 {
     const struct tile_rect *rect = &film->rects[tile];
-    for (uint32_t y = 0; y < rect->height; y++) {
-        size_t row = rect->y - film->crop.y + y;
-        size_t at = row * film->crop.width + rect->x - film->crop.x;
-        for (uint32_t c = 0; c < 3; c++)
-            write_row(means, c, y, planes[c] + at, planes[3 + c] + at);
-        for (uint32_t x = 0; x < rect->width; x++) {
-            uint32_t p = y * rect->width + x;
-            planes[SAMPLES][at + x] = (float)means->samples;
-            if (means->failed[p / 32] >> p % 32 & 1)
-                for (int c = 0; c < 3; c++)
-                    planes[3 + c][at + x] = INFINITY;
+    double mean[TILE_PIXELS], variance[TILE_PIXELS];
+    for (uint32_t c = 0; c < 3; c++) {
+        mean_and_variance(means, c, mean, variance);
+        for (uint32_t p = 0; p < rect->width * rect->height; p++) {
+            uint32_t x = p % rect->width, y = p / rect->width;
+            size_t row = rect->y - film->crop.y + y;
+            size_t at = row * film->crop.width + rect->x - film->crop.x + x;
+            bool unknown = means->replicates < 2 || isinf(variance[p]);
+            planes[c][at] = (float)mean[p];
+            planes[3 + c][at] = unknown ? INFINITY
+                                        : (float)sqrt(pooled_variance(means, variance, x, y));
+            planes[SAMPLES][at] = (float)means->samples;
         }
     }
 }
@@ -582,8 +605,8 @@ bool film_image(const struct film *film, struct image *image, struct estimate *e
     struct reading reading;
     if (!reading_open(&reading, film))
         goto fail_reading;
-    if (estimate != NULL && !estimate_begin(estimate, film->replicates))
-        goto fail_estimate;
+    if (estimate != NULL)
+        estimate_begin(estimate, film->replicates);
 
     for (uint32_t tile = 0; tile < film->tiles; tile++) {
         struct tile_means means = read_tile(film, tile, 0, &reading);
@@ -601,8 +624,6 @@ bool film_image(const struct film *film, struct image *image, struct estimate *e
     reading_close(&reading);
     return true;
 
-fail_estimate:
-    reading_close(&reading);
 fail_reading:
     err_set(err, ERR_MEMORY, "no memory for reading the film");
 fail_image:
@@ -615,11 +636,11 @@ static void look_at_tile(struct film *film, uint32_t tile, struct reading *readi
 {
     struct tile_look *look = &film->plan.looks[tile];
     struct tile_means means = read_tile(film, tile, film->replicates, reading);
-    estimate_tile(estimate, &means);
+    estimate_begin(estimate, film->replicates);
+    look->one_sample = !estimate_tile(estimate, &means);
     struct accuracy accuracy = estimate_result(estimate);
     look->pixels = means.width * means.height;
     look->error = accuracy.relmse * 3 * look->pixels;
-    look->one_sample = accuracy.unknown_share >= 1;
     struct node_stats stats = { 0 };
     for (uint32_t k = 0; k < film->replicates; k++)
         stack_stats(&pair_of(film, tile, film->replicates + k)->stack, &stats);
@@ -633,19 +654,18 @@ bool film_make_plan(struct film *film, unsigned rounds, struct err *err)
     bool made = false;
     struct reading reading;
     struct estimate *estimate = estimate_new();
+    if (estimate == NULL)
+        goto fail_estimate;
     if (!reading_open(&reading, film))
         goto fail_reading;
-    for (uint32_t tile = 0; tile < film->tiles; tile++) {
-        if (estimate == NULL || !estimate_begin(estimate, film->replicates))
-            goto fail_estimate;
+    for (uint32_t tile = 0; tile < film->tiles; tile++)
         look_at_tile(film, tile, &reading, estimate);
-    }
     made = tile_plan_make(&film->plan, rounds);
     film->units = tile_plan_units(&film->plan, film->rounds_complete);
 
-fail_estimate:
     reading_close(&reading);
 fail_reading:
     estimate_free(estimate);
+fail_estimate:
     return made || err_set(err, ERR_MEMORY, "no memory for planning the samples");
 }

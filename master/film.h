@@ -91,14 +91,18 @@ void film_stats(const struct film *film, struct node_stats *total);
  * promised; NaN until it is read. NULL when memory runs out. */
 struct image *film_image_new(const struct film *film);
 
+/* Degrees of freedom of the layer `stderr`. */
+uint32_t film_stderr_dof(uint32_t replicates);
+
 /*
  * Read the picture of all sealed rounds; tiles may be at different rounds between two complete
  * ones. `image` (or NULL) has the crop window's size; its channels are added, or overwritten when
  * it has them already:
  *   R G B                     (1/K) * sum over replicates, in order, of (sum / n), in double
- *   stderr.R stderr.G stderr.B  standard error of that, from the replicate means (K-1 degrees of
- *                             freedom); +inf, "unknown", below two replicates and where
- *                             non-finite samples were lost
+ *   stderr.R stderr.G stderr.B  standard error of that, from the replicate means of the pixel and
+ *                             its neighbours in the tile (film_stderr_dof degrees of freedom,
+ *                             fewer at the tile's edges); +inf, "unknown", below two replicates
+ *                             and where non-finite samples were lost
  *   samples                   per pixel, of all replicates, without a pilot's
  *   A depth.Z ...             the layers of the job (master/layers.h)
  * and its data and display windows set. With a pilot of weight w, a replicate's mean is that of a

@@ -41,8 +41,7 @@ struct intake *intake_new(const struct job_spec *spec, struct film *film, intake
     in->owner = owner;
     in->estimate = estimate_new();
     in->picture = film_image_new(film);
-    if (in->estimate == NULL || in->picture == NULL ||
-        !estimate_begin(in->estimate, spec->replicates)) {
+    if (in->estimate == NULL || in->picture == NULL) {
         intake_free(in);
         return NULL;
     }

@@ -134,7 +134,7 @@ static bool add_facts(const struct pictures *p, struct image *image,
     return image_note(image, "pathfarm.seed", "%llu", (unsigned long long)f->spec->seed) &&
            image_note(image, "pathfarm.spp", "%llu", (unsigned long long)film_spp(p->film)) &&
            image_note(image, "pathfarm.replicates", "%u", f->spec->replicates) &&
-           image_note(image, "pathfarm.stderrDof", "%u", f->spec->replicates - 1) &&
+           image_note(image, "pathfarm.stderrDof", "%u", film_stderr_dof(f->spec->replicates)) &&
            add_plan(film_plan(p->film), image) &&
            (!f->format.half ||
             image_note(image, "pathfarm.clampedToHalf", "%llu",

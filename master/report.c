@@ -61,8 +61,11 @@ static bool put_accuracy(json_t *object, const struct accuracy *accuracy)
     bool fine = put(error, "unknown", json_boolean(!known));
     if (!known)
         fine &= put(error, "why", text(estimate_verdict_text(accuracy->verdict)));
-    fine &= put(error, "rmse", known ? number(accuracy->rmse) : json_null());
-    fine &= put(error, "rmse_95", known ? interval(accuracy->rmse95) : json_null());
+    bool known_mse = accuracy->mse_verdict == ACCURACY_KNOWN;
+    if (!known_mse)
+        fine &= put(error, "why_rmse", text(estimate_verdict_text(accuracy->mse_verdict)));
+    fine &= put(error, "rmse", known_mse ? number(accuracy->rmse) : json_null());
+    fine &= put(error, "rmse_95", known_mse ? interval(accuracy->rmse95) : json_null());
     fine &= put(error, "relmse", known ? number(accuracy->relmse) : json_null());
     fine &= put(error, "relmse_95", known ? interval(accuracy->relmse95) : json_null());
     fine &= put(error, "unknown_share", number(accuracy->unknown_share));

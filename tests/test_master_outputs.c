@@ -121,7 +121,9 @@ static void the_report_is_json_and_says_unknown_as_null(void **state)
           .spp = 16,
           .wall_s = 1,
           .core_s = 2,
-          .accuracy = { .verdict = ACCURACY_FEW_SAMPLES, .rmse = 0.5 } },
+          .accuracy = { .verdict = ACCURACY_FEW_SAMPLES,
+                        .mse_verdict = ACCURACY_FEW_PIXELS,
+                        .rmse = 0.5 } },
         { .round = 1,
           .spp = 32,
           .wall_s = 2,
@@ -180,6 +182,7 @@ static void the_report_is_json_and_says_unknown_as_null(void **state)
     assert_true(json_is_true(json_object_get(error, "unknown")));
     assert_true(json_is_null(json_object_get(error, "rmse"))); /* not the small number it had */
     assert_true(json_is_string(json_object_get(error, "why")));
+    assert_true(json_is_string(json_object_get(error, "why_rmse")));
     assert_true(real_at(json_array_get(rows, 1), "spp", NULL) == 32);
     json_decref(root);
     free(text);
