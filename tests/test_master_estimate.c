@@ -4,6 +4,7 @@
  */
 #include "common/elem.h"
 #include "common/hash.h"
+#include "common/sumtree.h"
 #include "master/estimate.h"
 
 #include <math.h>
