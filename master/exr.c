@@ -292,7 +292,26 @@ bool exr_image_write_as(const struct image *image, const struct exr_format *form
 
 /* ---- reading ---- */
 
-/* Check the header and make an image of its shape, channels zeroed in the file's order. */
+/* Zeroed, in the file's order */
+static bool add_channels(struct image *image, const exr_attr_chlist_t *list, const char *path,
+                         struct err *err)
+{
+    for (int i = 0; i < list->num_channels; i++) {
+        const exr_attr_chlist_entry_t *entry = &list->entries[i];
+        const char *name = entry->name.str;
+        if (entry->x_sampling != 1 || entry->y_sampling != 1)
+            return err_set(err, ERR_UNSUPPORTED,
+                           "%s: channel \"%s\" is subsampled, which is not supported", path, name);
+        if (strlen(name) >= sizeof(image->channels->name))
+            return err_set(err, ERR_UNSUPPORTED, "%s: the name of channel \"%s\" is too long", path,
+                           name);
+        if (image_add_channel(image, name) == NULL)
+            return err_set(err, ERR_MEMORY, "%s: out of memory", path);
+    }
+    return true;
+}
+
+/* Check the header and make an image of its shape */
 static struct image *image_of_header(exr_const_context_t context, const char *path, struct err *err)
 {
     int parts;
@@ -341,33 +360,16 @@ static struct image *image_of_header(exr_const_context_t context, const char *pa
     }
 
     struct image *image = image_new((uint32_t)width, (uint32_t)height);
-    if (image == NULL)
-        goto fail_memory;
+    if (image == NULL) {
+        err_set(err, ERR_MEMORY, "%s: out of memory", path);
+        return NULL;
+    }
     image->data_x = (int32_t)data_x;
     image->data_y = (int32_t)data_y;
     image->display_width = (uint32_t)display_width;
     image->display_height = (uint32_t)display_height;
-    for (int i = 0; i < list->num_channels; i++) {
-        const exr_attr_chlist_entry_t *entry = &list->entries[i];
-        if (entry->x_sampling != 1 || entry->y_sampling != 1) {
-            err_set(err, ERR_UNSUPPORTED,
-                    "%s: channel \"%s\" is subsampled, which is not supported", path,
-                    entry->name.str);
-            goto fail;
-        }
-        if (strlen(entry->name.str) >= sizeof(image->channels->name)) {
-            err_set(err, ERR_UNSUPPORTED, "%s: the name of channel \"%s\" is too long", path,
-                    entry->name.str);
-            goto fail;
-        }
-        if (image_add_channel(image, entry->name.str) == NULL)
-            goto fail_memory;
-    }
-    return image;
-
-fail_memory:
-    err_set(err, ERR_MEMORY, "%s: out of memory", path);
-fail:
+    if (add_channels(image, list, path, err))
+        return image;
     image_free(image);
     return NULL;
 }

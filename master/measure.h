@@ -24,7 +24,7 @@ struct measure {
     double rmse;   /* sqrt(mean((a - b)^2)) over pixels and channels */
     double relmse; /* mean((a - b)^2 / (b^2 + 0.01)) */
     double mape;   /* mean(|a - b| / (|b| + 0.01)) */
-    double flip;   /* see measure_flip */
+    double flip;   /* mean LDR-FLIP: see flip.h */
     double mean_a[3], mean_b[3];
     uint64_t pixels;                   /* that count */
     uint64_t nonfinite_a, nonfinite_b; /* pixels with a channel that is not finite */
@@ -51,16 +51,6 @@ bool measure_images(const struct image *a, const struct image *b,
 struct measure_block *measure_blocks(const struct image *a, const struct image *b,
                                      const struct measure_channels *channels, uint32_t side,
                                      size_t *count, struct err *err);
-
-/*
- * Mean LDR-FLIP, from the formulas of P. Andersson, J. Nilsson, T. Akenine-Moeller, M. Oskarsson,
- * K. Astroem, M. D. Fairchild: "FLIP: A Difference Evaluator for Alternating Images", Proc. ACM
- * Comput. Graph. Interact. Tech. 3(2), 2020. rgb[c] are planes of linear sRGB values; they are
- * clamped to [0, 1], which is what a display would show of them, without rounding to 8 bits.
- * `pixels_per_degree` is 67 for the viewer the paper assumes. NaN when memory runs out.
- */
-double measure_flip(const float *const test[3], const float *const reference[3], uint32_t width,
-                    uint32_t height, double pixels_per_degree);
 
 /* SHA-256 over the three channels as interleaved little-endian float32, top row first. */
 bool measure_pixels_digest(const struct image *image, const struct measure_channels *channels,

@@ -387,6 +387,23 @@ static void a_constant_image_stays_constant_under_every_filter(void **state)
     }
 }
 
+static void a_sinc_has_the_same_bits_in_any_number_of_lanes(void **state)
+{
+    (void)state;
+    struct scene *scene = scenes_begin(20, 20);
+    uint32_t white = scenes_diffuse(scene, 0.5f);
+    scene->settings.filter = (struct filter_spec){ .kind = FILTER_SINC,
+                                                   .radius = { 4, 2.5f },
+                                                   .tau = 3 };
+    scenes_room(scene, white, white);
+    scenes_finish(scene);
+    struct picture *p = picture_take(scene, (struct picture_how){ .samples = 8 });
+    assert_true(p->mean > 0);
+    picture_expect_any_lanes(scene, p, 8);
+    picture_expect_same(p, picture_take(scene, (struct picture_how){ .samples = 8, .kernel = 1 }));
+    scene_free(scene);
+}
+
 static void the_pixel_box_has_the_same_bits_in_every_variant(void **state)
 {
     (void)state;
@@ -413,6 +430,7 @@ int main(void)
         cmocka_unit_test(four_samples_of_a_constant_image_sum_to_four),
         cmocka_unit_test(the_lobes_of_a_sinc_are_kept_apart),
         cmocka_unit_test(a_constant_image_stays_constant_under_every_filter),
+        cmocka_unit_test(a_sinc_has_the_same_bits_in_any_number_of_lanes),
         cmocka_unit_test(the_pixel_box_has_the_same_bits_in_every_variant),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);

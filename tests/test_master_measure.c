@@ -5,6 +5,7 @@
 #include "common/err.h"
 #include "master/cmd_compare.h"
 #include "master/exr.h"
+#include "master/flip.h"
 #include "master/image.h"
 #include "master/measure.h"
 
@@ -292,7 +293,7 @@ static double flip_of(const struct image *a, const struct image *b, double ppd)
         pa[c] = a->channels[c].values;
         pb[c] = b->channels[c].values;
     }
-    return measure_flip(pa, pb, a->width, a->height, ppd);
+    return flip_mean(pa, pb, a->width, a->height, ppd);
 }
 
 static void flip_agrees_with_its_transcription(void **state)
