@@ -147,7 +147,7 @@ void lecture_light_show(struct page *page, const struct lecture_pair *pair, cons
 
 static unsigned size_of(const struct lecture *lecture)
 {
-    return lecture->quick ? 24 : 112;
+    return lecture->quick ? 24 : 96;
 }
 
 /* ---- sampling a BRDF */
