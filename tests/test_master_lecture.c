@@ -475,7 +475,7 @@ static char *quick_page(uint64_t seed)
 {
     struct lecture lecture = { .seed = seed, .quick = true };
     struct err err = { 0 };
-    char *text;
+    char *text = NULL;
     size_t size;
     if (!lecture_make(&lecture, &err) || !page_finish(lecture.page, &text, &size, &err))
         fail_msg("%s", err.text);
