@@ -350,10 +350,11 @@ static void write_wave(struct lecture *lecture)
               "sample in each of N strata the error is √(∫f'²/12) N^{-3/2} = %.11f N^{-3/2}.",
               wave.integral, wave.sigma, wave.sigma, wave.stratified_scale);
     plot_wave(lecture);
-    page_note(page, "Trap",
-              "The slide's first row, 2.75039 for one unstratified sample, is impossible: no value "
-              "of f is above e = 2.718281828. All other rows can be: the largest deviation, "
-              "+2.7 standard errors, is there by chance in one of fourteen such tables.");
+    page_note(
+        page, "Trap",
+        "The slide's first row, 2.75039 for one unstratified sample, is impossible: no value "
+        "of f is above e = 2.718281828. All other numbers are possible: the largest deviation, "
+        "+2.7 standard errors, is there by chance in one of fourteen such tables.");
     write_wave_table(lecture, &wave);
     page_note(page, "Trap",
               "The slide's last stratified rows, twice 1.77610, look as if nothing improved any "

@@ -1,6 +1,6 @@
 #include "master/lecture_light.h"
 
-#include "common/elem.h"
+#include "common/moments.h"
 #include "master/image.h"
 #include "master/page.h"
 #include "master/plot.h"
@@ -9,7 +9,17 @@
 #include <math.h>
 #include <stdio.h>
 
-enum purpose { BRDF = 400, TREES, EQUAL_RAYS, RESULTS, GLOSSY, PENUMBRA, LIGHT, UNDERSAMPLING };
+enum purpose {
+    BRDF = 400,
+    TREES,
+    EQUAL_RAYS,
+    RESULTS,
+    GLOSSY,
+    PENUMBRA,
+    LIGHT,
+    MANY_LIGHTS,
+    UNDERSAMPLING
+};
 
 /* ---- scenes */
 
@@ -22,9 +32,10 @@ enum purpose { BRDF = 400, TREES, EQUAL_RAYS, RESULTS, GLOSSY, PENUMBRA, LIGHT, 
         .kd = { d, d, d }, .ks = { s, s, s }, .exponent = n \
     }
 
-/* The light; five walls; behind the camera the sixth */
+/* The light; five walls; behind the camera the sixth. The light is so close to the ceiling that
+ * nothing is lit from between: a gap of a millimetre would shine as 1 / distance^4. */
 #define LIGHT_AND_WALLS(floor)                                                         \
-    { .at = { -.4, 1.999, -.4 },                                                       \
+    { .at = { -.4, 1.999999, -.4 },                                                    \
       .u = { .8, 0, 0 },                                                               \
       .v = { 0, 0, .8 },                                                               \
       .surface = { .emission = { 9, 8, 6.5 }, .exponent = 1 } },                       \
@@ -147,7 +158,7 @@ void lecture_light_show(struct page *page, const struct lecture_pair *pair, cons
 
 static unsigned size_of(const struct lecture *lecture)
 {
-    return lecture->quick ? 24 : 112;
+    return lecture->quick ? 24 : 96;
 }
 
 /* ---- sampling a BRDF */
@@ -340,6 +351,65 @@ static void write_results(struct lecture *lecture)
 
 /* ---- the light */
 
+/* Direct light without noise to speak of: no error in the caption */
+static void show_direct(struct lecture *lecture, const struct caster_scene *scene,
+                        const char *caption)
+{
+    const struct caster_how direct = { .light_sampling = true, .max_depth = 1 };
+    struct caster_film film = lecture_caster_film(size_of(lecture), size_of(lecture));
+    struct caster_counts counts = { 0 };
+    lecture_caster_expose(&film, scene, &direct, lecture->quick ? 4 : 64,
+                          hash64(lecture->seed, PENUMBRA), &counts);
+    struct image *image = lecture_caster_image(&film);
+    if (image != NULL)
+        page_picture(lecture->page, image, "%s", caption);
+    image_free(image);
+    lecture_caster_film_free(&film);
+}
+
+/* The slide's question: "How would you do that?" */
+static void write_many_lights(struct lecture *lecture)
+{
+    /* What four lights emit, and how much of it a certain point receives */
+    static const double POWER[4] = { 100, 60, 30, 10 }, RECEIVED[4] = { 1, 4, 2, .2 };
+    static const char *const NAMES[3] = { "each with the same", "by its power",
+                                          "by what arrives here" };
+    struct page *page = lecture->page;
+    page_heading(page, "Several lights: which one?");
+    page_text(page,
+              "The slide asks how. Choose one light with a probability p, and divide what arrives "
+              "from it by p. Four lights of 100, 60, 30 and 10 W send 1, 4, 2 and 0.2 to a point, "
+              "7.2 together:");
+    page_table_begin(page, NULL,
+                     "probability\tmean (7.2)\t± standard error\tstandard "
+                     "deviation of one choice\ttheory");
+    for (int way = 0; way < 3; way++) {
+        double p[4], sum = 0, square = 0;
+        for (int i = 0; i < 4; i++)
+            sum += p[i] = way == 0 ? 1 : way == 1 ? POWER[i] : RECEIVED[i];
+        for (int i = 0; i < 4; i++) {
+            p[i] /= sum;
+            square += RECEIVED[i] * RECEIVED[i] / p[i];
+        }
+        struct moments m = { 0 };
+        struct lecture_dice dice = lecture_dice(lecture->seed, MANY_LIGHTS, (uint64_t)way);
+        for (int n = 0; n < (lecture->quick ? 2000 : 100000); n++) {
+            double u = lecture_roll(&dice);
+            int i = 0;
+            while (i < 3 && u >= p[i])
+                u -= p[i++];
+            moments_add(&m, RECEIVED[i] / p[i]);
+        }
+        page_row(page, "%s\t%.4f\t%.4f\t%.3f\t%.3f", NAMES[way], m.mean, moments_stderr(&m),
+                 sqrt(moments_variance(&m)), sqrt(fmax(0, square - 7.2 * 7.2)));
+    }
+    page_table_end(page);
+    page_note(page, "Result",
+              "All are right on average. What is emitted is a poor guide to what arrives; the "
+              "perfect choice knows the answer already. Where there are many lights, `{pathfarm "
+              "render} asks a tree of them for an estimate of what arrives.");
+}
+
 static void write_light(struct lecture *lecture)
 {
     struct page *page = lecture->page;
@@ -356,14 +426,12 @@ static void write_light(struct lecture *lecture)
     point->surface.emission *= 1600.;
     struct caster_scene spot = room;
     spot.objects = small;
-    const struct caster_how direct = { .light_sampling = true, .max_depth = 1 };
-    uint64_t samples = lecture->quick ? 4 : 64;
     page_text(page,
               "Direct light only. A light as small as a point has hard shadows; a light with an "
               "area, sampled at a random point for each ray, has penumbras.");
     page_grid_begin(page, 240);
-    show_one(lecture, &spot, &direct, samples, PENUMBRA, "a light of 2 by 2 cm, as bright");
-    show_one(lecture, &room, &direct, samples, PENUMBRA, "a light of 80 by 80 cm");
+    show_direct(lecture, &spot, "a light of 2 by 2 cm");
+    show_direct(lecture, &room, "a light of 80 by 80 cm, of the same power");
     page_grid_end(page);
 
     page_heading(page, "With and without explicit light sampling");
@@ -371,7 +439,7 @@ static void write_light(struct lecture *lecture)
               "Without it, a path has to hit the light by chance. The expected picture is the "
               "same. 1 and 4 paths per pixel:");
     double rmse[2] = { 0, 0 }, rays[2] = { 0, 0 };
-    page_grid_begin(page, 240);
+    page_grid_begin(page, 200);
     for (uint64_t paths = 1; paths <= 4; paths *= 4)
         for (int sampled = 0; sampled < 2; sampled++) {
             const struct caster_how how = { .light_sampling = sampled };
@@ -406,7 +474,7 @@ static void write_undersampling(struct lecture *lecture)
     struct lecture_rate rate = { 0 };
     struct lecture_pair pair = lecture_light_pair(&room, &how, size_of(lecture), 1, seed);
     page_section(page, "Too few samples: 1, 4, 64 and 1024 rays");
-    page_grid_begin(page, 240);
+    page_grid_begin(page, 200);
     for (uint64_t rays = 1; rays <= (lecture->quick ? 64u : 1024u); rays *= 2) {
         if (rays > 1)
             lecture_light_more(&pair, &room, &how, rays / 2, seed);
@@ -446,5 +514,6 @@ void lecture_light_write(struct lecture *lecture)
     write_equal_rays(lecture);
     write_results(lecture);
     write_light(lecture);
+    write_many_lights(lecture);
     write_undersampling(lecture);
 }

@@ -394,8 +394,9 @@ void lecture_points_write(struct lecture *lecture)
         write_scatter(lecture, kind);
     page_grid_end(page);
     page_note(page, "Trap",
-              "Low discrepancy alone is not good: the slide's Hammersley set is as even as can be, "
-              "and so regular that the same pattern in every pixel shows as aliasing. Scrambling "
+              "Low discrepancy by itself is not good, as the slide says: its Hammersley set is "
+              "very even, and so regular that the same pattern in every pixel shows as aliasing. "
+              "Scrambling "
               "keeps the evenness and breaks the pattern.");
     write_slide_code(lecture);
     write_discrepancy(lecture);

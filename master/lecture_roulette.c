@@ -73,14 +73,15 @@ static void plot_variance(struct lecture *lecture)
         { "measured", PLOT_MARKERS | PLOT_SAME, MEASURED, at[1], measured[1], NULL },
         { "variance × walls, theory", PLOT_DASHED | PLOT_SAME, STEPS, q, work[1], NULL },
     };
-    page_plot(lecture->page,
-              &(struct plot){ .title = "What a survival probability costs",
-                              .x = { .label = "survival probability q", .low = .3, .high = 1 },
-                              .y = { .label = "variance", .log = true, .low = .05, .high = 1000 },
-                              .series = series,
-                              .series_count = 6 },
-              "Variance times walls is the variance for a given number of rays: what counts. "
-              "The left ends rise to infinity at q = albedo².");
+    page_plot(
+        lecture->page,
+        &(struct plot){ .title = "What a survival probability costs",
+                        .x = { .label = "survival probability q", .low = .3, .high = 1 },
+                        .y = { .label = "variance", .log = true, .low = .05, .high = 1000 },
+                        .series = series,
+                        .series_count = 6 },
+        "Solid: of one path, with what was measured. Dashed: times the walls it hits, that is "
+        "for a given number of rays. The left ends rise to infinity at q = albedo².");
 }
 
 static void write_furnace(struct lecture *lecture)
@@ -110,12 +111,13 @@ static void write_furnace(struct lecture *lecture)
                  theory[1]);
     }
     page_table_end(page);
-    page_note(
-        page, "Result",
-        "Unbiased for every q, but the variance is finite only if albedo² < q: below q = "
-        "0.25 here, a few paths with huge weights carry the mean, and its standard error "
-        "cannot be told. Survival by the albedo, q = 0.5, keeps all weights at 1; for a given "
-        "number of rays it is close to the best.");
+    page_note(page, "Result",
+              "Unbiased for every q, but the variance is finite only if albedo² < q: below q = "
+              "0.25 here, a few paths with huge weights carry the mean, and its standard error "
+              "cannot be told. Survival by the albedo, q = 0.5, keeps all weights at 1. A furnace "
+              "rewards long paths, since "
+              "every wall adds to the sum: for a given number of rays the variance still falls "
+              "towards q = 1. In a picture the first wall matters most, see below.");
     plot_variance(lecture);
     page_note(page, "Trap",
               "The slide ends a path if r > q. With r in [0, 1) and q = 0, r = 0 survives, and "
@@ -151,6 +153,10 @@ static void write_picture(struct lecture *lecture)
         lecture_light_pair_free(&pair);
     }
     page_table_end(page);
+    page_note(page, "Result",
+              "The mean is the same within its errors. Long paths are less noisy, and cost more "
+              "rays than that is worth; paths too short carry large weights. Survival by the "
+              "reflectance is near the best, without a number to choose.");
 }
 
 static void write_caps(struct lecture *lecture)
@@ -172,12 +178,12 @@ static void write_caps(struct lecture *lecture)
                                         .survival = 1 };
         struct lecture_pair pair = lecture_light_pair(&room, &how, size, paths,
                                                       hash64_3(lecture->seed, CAPPED, i));
-        page_row(page, "%u\t%.5f\t%.5f\t%.1f %%", CAPS[i], lecture_light_mean(&pair),
+        page_row(page, "at most %u\t%.5f\t%.5f\t%.1f %%", CAPS[i], lecture_light_mean(&pair),
                  lecture_light_mean_error(&pair),
                  100 * (1 - lecture_light_mean(&pair) / lecture_light_mean(&all)));
         lecture_light_pair_free(&pair);
     }
-    page_row(page, "no limit, Russian roulette\t%.5f\t%.5f\t-", lecture_light_mean(&all),
+    page_row(page, "no limit\t%.5f\t%.5f\t-", lecture_light_mean(&all),
              lecture_light_mean_error(&all));
     page_table_end(page);
     page_note(page, "Trap",

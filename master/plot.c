@@ -48,10 +48,11 @@ static double power_of_ten(int exponent)
     return exponent < 0 ? 1 / power : power;
 }
 
-/* A number as its axis counts; NaN where the axis cannot show it */
+/* A number as its axis counts; NaN where the axis cannot show it. (Between 1e300 and its opposite
+ * there is still a distance.) */
 static double on_axis(const struct plot_axis *axis, double value)
 {
-    if (!isfinite(value) || (axis->log && value <= 0))
+    if (!isfinite(value) || (axis->log ? value <= 0 : fabs(value) > 1e300))
         return NAN;
     return axis->log ? decades(value) : value;
 }
@@ -159,6 +160,8 @@ static void draw_linear_ticks(const struct canvas *c, bool of_y)
     if (!(rough > 0) || !isfinite(rough))
         return;
     double step = power_of_ten((int)floor(decades(rough)));
+    if (!(step > 0)) /* so small that powers of ten end */
+        return;
     double times = rough / step;
     step *= times < 1.5 ? 1 : times < 3.5 ? 2 : times < 7.5 ? 5 : 10;
     int64_t first = (int64_t)ceil(span->low / step - 1e-6);
