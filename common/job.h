@@ -13,18 +13,41 @@
 struct filter_spec;
 struct scene;
 
+/*
+ * Techniques that lower the noise or the cost of a picture and never change what it converges to.
+ * They can be switched off one by one, to see what each is worth: job_spec.techniques_off.
+ *   Without light sampling, paths find lights by themselves, and only those that rays find.
+ *   Without multiple importance sampling, light that light sampling can choose is counted where it
+ *   does and nowhere else; the rest, and what camera rays and delta events find, as ever.
+ *   Without Russian roulette, paths end where nothing scatters or at the depth limit.
+ */
+#define TECHNIQUE_MAP(X) /* name, bit, as printed */ \
+    X(LIGHT_SAMPLING, 0, "light-sampling")           \
+    X(MIS, 1, "mis")                                 \
+    X(ROULETTE, 2, "roulette")
+
+enum {
+#define X(name, bit, printed) TECHNIQUE_##name = 1 << (bit),
+    TECHNIQUE_MAP(X)
+#undef X
+#define X(name, bit, printed) TECHNIQUE_##name |
+        TECHNIQUE_ALL = TECHNIQUE_MAP(X) 0
+#undef X
+};
+
 struct job_spec {
     uint64_t seed;
     uint32_t replicates;   /* K, fixed for the life of the job */
     uint32_t leaf_samples; /* B: samples per pixel in a leaf, a power of two */
     uint64_t
         planned_samples; /* samples per pixel of one replicate, for samplers that need it; else 0 */
-    uint32_t channel_count; /* of a node's layers: aov_channel_count(aovs) */
-    uint32_t depth_cap;     /* scattering events after which a path is cut and counted */
-    uint32_t kernel;        /* 0: chosen by the effect mask; 1: "everything" */
-    uint32_t max_lanes;     /* active lanes, 1..8; 8 except in tests */
-    uint32_t aovs;          /* layers besides radiance, a bit each: common/aov.h */
-    uint32_t reserved[4];   /* zero */
+    uint32_t channel_count;  /* of a node's layers: aov_channel_count(aovs) */
+    uint32_t depth_cap;      /* scattering events after which a path is cut and counted */
+    uint32_t kernel;         /* 0: chosen by the effect mask; 1: "everything" */
+    uint32_t max_lanes;      /* active lanes, 1..8; 8 except in tests */
+    uint32_t aovs;           /* layers besides radiance, a bit each: common/aov.h */
+    uint32_t techniques_off; /* TECHNIQUE_*; anything but 0 needs the kernel "everything" */
+    uint32_t reserved[3];    /* zero */
 };
 
 /* Tiles cover the crop window row by row; those at the right and bottom edges are cut. */

@@ -53,7 +53,10 @@ static void print_plan(const struct job_setup *setup, const struct bundle *bundl
     print_lights(scene);
     printf("effects     %s\n", effects_text(s->effects, effects, sizeof(effects)));
     printf("left out    %s\n", effects_text(FX_ALL & ~s->effects, left_out, sizeof(left_out)));
-    printf("kernel      the first variant that covers mask 0x%05" PRIx32 "\n", s->effects);
+    if (setup->spec.kernel != 0 || setup->spec.techniques_off != 0)
+        printf("kernel      the variant for everything\n");
+    else
+        printf("kernel      the first variant that covers mask 0x%05" PRIx32 "\n", s->effects);
     printf("scene       %s, %.1f MiB for each worker\n",
            digest_hex(bundle_scene_digest(bundle), hex),
            (double)bundle_size(bundle) / (1024 * 1024));

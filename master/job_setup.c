@@ -65,6 +65,20 @@ static bool check_ids(const struct scene *scene, uint32_t aovs, struct err *err)
     return true;
 }
 
+/* What a job can do without depends on the scene */
+static bool check_techniques(const struct scene *scene, uint32_t off, struct err *err)
+{
+    const struct scene_settings *s = &scene->settings;
+    if ((off & TECHNIQUE_LIGHT_SAMPLING) && (s->effects & FX_DELTA_LIGHT))
+        return err_set(err, ERR_ARGUMENT,
+                       "--no-light-sampling: the scene has lights that no path finds by itself "
+                       "(point, spot, distant, or without a surface); they would be dark");
+    if ((off & TECHNIQUE_ROULETTE) && s->max_depth >= DEPTH_CAP)
+        return err_set(err, ERR_ARGUMENT,
+                       "--no-roulette: paths need another end; say --max-depth N");
+    return true;
+}
+
 static bool shape(struct job_setup *setup, const struct render_options *o, struct err *err)
 {
     const struct scene_settings *s = &setup->scene->settings;
@@ -76,6 +90,7 @@ static bool shape(struct job_setup *setup, const struct render_options *o, struc
         .depth_cap = s->max_depth < DEPTH_CAP ? s->max_depth : DEPTH_CAP,
         .kernel = o->everything,
         .max_lanes = o->lanes,
+        .techniques_off = o->techniques_off,
     };
     bool planned = needs_planned_samples(s->sampler);
     if (o->time_s > 0 && planned)
@@ -128,7 +143,7 @@ bool job_setup_open(const struct render_options *options, struct job_setup *setu
     if (setup->scene == NULL)
         return false;
     if (apply_options(setup->scene, options, err) && check_ids(setup->scene, options->aovs, err) &&
-        shape(setup, options, err))
+        check_techniques(setup->scene, options->techniques_off, err) && shape(setup, options, err))
         return true;
     job_setup_close(setup);
     return false;

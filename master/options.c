@@ -2,6 +2,7 @@
 
 #include "common/aov.h"
 #include "common/err.h"
+#include "common/job.h"
 #include "common/scene.h"
 #include "common/sumtree.h"
 #include "proto/channel.h"
@@ -90,6 +91,15 @@ static bool parse_numbers(const char *text, const char *between, double *numbers
         (void)err;               \
         o->field = true;         \
         return true;             \
+    }
+
+#define WITHOUT_PARSER(name, technique)             \
+    PARSER(name)                                    \
+    {                                               \
+        (void)value;                                \
+        (void)err;                                  \
+        o->techniques_off |= TECHNIQUE_##technique; \
+        return true;                                \
     }
 
 PARSER(resolution)
@@ -283,6 +293,9 @@ FLAG_PARSER(no_cache, no_cache)
 FLAG_PARSER(lenient, lenient)
 FLAG_PARSER(quiet, quiet)
 FLAG_PARSER(verbose, verbose)
+WITHOUT_PARSER(no_light_sampling, LIGHT_SAMPLING)
+WITHOUT_PARSER(no_mis, MIS)
+WITHOUT_PARSER(no_roulette, ROULETTE)
 COUNT_PARSER(workers, workers, 0, 1024)
 COUNT_PARSER(threads, threads, 1, 4096)
 COUNT_PARSER(replicates, replicates, 1, 256)
@@ -311,6 +324,9 @@ static const struct option {
     { "--replicates", "K", set_replicates,
       "independent sample sequences, from which the error is told (4)" },
     { "--max-depth", "N", set_max_depth, "cut paths after N scattering events; counted" },
+    { "--no-light-sampling", NULL, set_no_light_sampling, "paths find the lights by themselves" },
+    { "--no-mis", NULL, set_no_mis, "no multiple importance sampling of lights" },
+    { "--no-roulette", NULL, set_no_roulette, "paths go on to the depth limit, which is needed" },
     { "--workers", "N", set_workers, "local worker processes (1); 0 needs --listen" },
     { "--threads", "N", set_threads, "render threads of each (all cores / workers)" },
     { "--listen", "ADDR:PORT", set_listen, "let workers of other machines join, at any time" },

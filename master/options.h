@@ -39,6 +39,7 @@ struct render_options {
     uint32_t aovs;        /* layers besides radiance: common/aov.h */
     struct exr_format exr;
     bool lenient, everything, no_cache, quiet, verbose;
+    uint32_t techniques_off; /* as in struct job_spec */
     uint32_t lanes;
     uint32_t lease_ms, leases_in_flight, heartbeat_ms, dead_after_ms, stall_ms; /* 0: default */
     uint64_t lease_leaves_min, lease_leaves_max;

@@ -56,6 +56,7 @@ bool render_summary_write(const struct render_summary *s, const char *path, stru
         .width = settings->width,
         .height = settings->height,
         .sampler = job_setup_sampler_name(settings->sampler),
+        .techniques_off = s->setup->spec.techniques_off,
         .effects = effects_text(settings->effects, effects, sizeof(effects)),
         .spp_asked = s->setup->spp_asked,
         .spp = film_spp(s->film),

@@ -1,6 +1,7 @@
 #include "master/report.h"
 
 #include "common/err.h"
+#include "common/job.h"
 #include "master/atomic_file.h"
 
 #include <inttypes.h>
@@ -112,7 +113,13 @@ static bool put_job(json_t *root, const struct render_report *report)
         fine &= put(root, "paths", text(report->paths));
     if (report->effects != NULL)
         fine &= put(root, "effects", text(report->effects));
-    return fine;
+    json_t *off = json_array();
+#define X(name, bit, printed)                      \
+    if (report->techniques_off & TECHNIQUE_##name) \
+        fine &= json_array_append_new(off, text(printed)) == 0;
+    TECHNIQUE_MAP(X)
+#undef X
+    return put(root, "techniques_off", off) && fine;
 }
 
 static bool put_work(json_t *root, const struct render_report *report)

@@ -36,6 +36,7 @@ struct render_report {
     uint32_t crop[4];            /* x0, x1, y0, y1 */
     const char *sampler, *paths; /* names; NULL leaves them out */
     const char *effects;
+    uint32_t techniques_off; /* as in struct job_spec */
 
     uint64_t spp_asked, spp;
     double wall_seconds, core_seconds;

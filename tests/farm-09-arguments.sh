@@ -24,11 +24,14 @@ refused 'beforehand' render "$scene" -o "$out" --sampler stratified --time 3
 refused 'one of them' render "$scene" -o "$out" --spp 3 --time 3
 refused 'not supported yet' render "$scene" -o "$out" --error 0.01
 refused 'not supported yet' render "$scene" -o "$out" --paths 'LDE'
+refused 'need another end' render "$scene" -o "$out" --no-roulette
 refused 'nobody would render' render "$scene" -o "$out" --workers 0
 refused 'o OUT.exr is missing' render "$scene"
 refused 'which scene' render -o "$out"
 refused 'two scenes' render "$scene" "$scene" -o "$out"
 refused "$work/nothing.pbrt" render "$work/nothing.pbrt" -o "$out"
+sed 's/"infinite" "rgb L"/"point" "rgb I"/' "$scene" >"$work/point.pbrt"
+refused 'no path finds' render "$work/point.pbrt" -o "$out" --no-light-sampling
 [ ! -e "$out" ] || fail "something was rendered"
 
 "$bin/pathfarm" --version | grep -q '^pathfarm ' || fail "--version"

@@ -322,6 +322,7 @@ struct picture_how {
     uint32_t lanes;     /* 0: 8 */
     uint32_t depth_cap; /* 0: 65536 */
     uint32_t kernel;    /* 1: "everything" */
+    uint32_t techniques_off;
     uint64_t seed;
     void (*alter)(struct kernel_scene *ks); /* NULL, or what is changed in the opened scene */
 };
@@ -346,6 +347,7 @@ static inline struct kernel_scene *scenes_open(const struct scene *scene, struct
                              .leaf_samples = how.samples ? how.samples : 16,
                              .planned_samples = 0,
                              .kernel = how.kernel,
+                             .techniques_off = how.techniques_off,
                              .depth_cap = how.depth_cap ? how.depth_cap : 65536,
                              .max_lanes = how.lanes ? how.lanes : 8 };
     profile_thread_mode();

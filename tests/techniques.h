@@ -6,6 +6,8 @@
  * both its samples and the weight of a ray that finds it by chance. Where it says never, scattering
  * is left alone; where it says 2^40 times as often as it is, light sampling is, and the picture is
  * 2^-40 of the true one.
+ *
+ * What the job can switch off (common/job.h) must agree with them, too: technique_switched.
  */
 #ifndef TESTS_TECHNIQUES_H
 #define TESTS_TECHNIQUES_H
@@ -65,6 +67,35 @@ static inline struct estimate estimate_take(const struct scene *scene, enum tech
 static inline double estimate_apart(struct estimate a, struct estimate b)
 {
     return fabs(a.mean - b.mean) / (hypot(a.error, b.error) + 1e-5 * fabs(a.mean) + 1e-30);
+}
+
+/* The same with techniques that the job switches off; a light's word on itself stays as it is */
+static inline struct estimate technique_switched(const struct scene *scene, uint32_t off,
+                                                 struct picture_how how)
+{
+    how.alter = NULL;
+    how.techniques_off = off;
+    how.seed = BOTH_PLANTED + 1 + off;
+    struct picture *p = picture_take(scene, how);
+    struct estimate e = estimate_of(p, 1);
+    assert_string_equal(p->variant, "everything");
+    assert_int_equal(p->failed, 0);
+    picture_free(p);
+    return e;
+}
+
+/* Without light sampling, and with it but without weights, there is as much light as `want` */
+static inline void technique_expect_switches(const struct scene *scene, struct picture_how how,
+                                             struct estimate want, const char *name)
+{
+    for (uint32_t off = TECHNIQUE_LIGHT_SAMPLING; off <= TECHNIQUE_MIS; off++) {
+        if (off == TECHNIQUE_LIGHT_SAMPLING && (scene->settings.effects & FX_DELTA_LIGHT))
+            continue;
+        struct estimate e = technique_switched(scene, off, how);
+        if (!(estimate_apart(e, want) < 4))
+            fail_msg("%s: %g +- %g without %s, want %g +- %g", name, e.mean, e.error,
+                     off == TECHNIQUE_MIS ? "weights" : "light sampling", want.mean, want.error);
+    }
 }
 
 /* A speck at the origin that faces +z; every pixel looks at it from `camera` along `forward` */

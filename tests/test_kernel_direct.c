@@ -233,6 +233,8 @@ static void all_techniques_find_the_same_light(void **state) /* H36 */
                              lights[i].name, materials[m].name, e[LIGHTS].mean, e[LIGHTS].error,
                              e[SCATTERING].mean, e[SCATTERING].error, e[BOTH].mean, e[BOTH].error);
             }
+            technique_expect_switches(scene, (struct picture_how){ .samples = 32 }, e[BOTH],
+                                      materials[m].name);
             scene_free(scene);
         }
 }

@@ -577,6 +577,8 @@ static void all_techniques_find_the_same_light(void **state) /* H36 */
                              lights[i].name, m, e[LIGHTS].mean, e[LIGHTS].error, e[SCATTERING].mean,
                              e[SCATTERING].error, e[BOTH].mean, e[BOTH].error);
             }
+            technique_expect_switches(scene, (struct picture_how){ .samples = 256, .leaves = 2 },
+                                      e[BOTH], lights[i].name);
             double wrong = estimate_apart(direct(scene, LIGHTS, true), e[SCATTERING]);
             if (m == 0 && !(wrong > 4))
                 fail_msg("%s: planted, %g standard errors apart", lights[i].name, wrong);

@@ -516,6 +516,8 @@ static void all_techniques_find_the_same_light(void **state) /* H36, H40 */
                              pictures[i].name, m, e[LIGHTS].mean, e[LIGHTS].error,
                              e[SCATTERING].mean, e[SCATTERING].error, e[BOTH].mean, e[BOTH].error);
             }
+            technique_expect_switches(scene, (struct picture_how){ .samples = 256, .leaves = 4 },
+                                      e[BOTH], pictures[i].name);
             if (pictures[i].value == noise && m == 0 && !mixed)
                 assert_true(estimate_apart(direct(scene, LIGHTS_PLANTED), e[SCATTERING]) > 4);
             scene_free(scene);

@@ -4,6 +4,7 @@
  */
 #include "common/bytes.h"
 #include "common/err.h"
+#include "common/job.h"
 #include "master/cmd_selftest.h"
 #include "master/image.h"
 #include "master/progress.h"
@@ -135,6 +136,7 @@ static void the_report_is_json_and_says_unknown_as_null(void **state)
         .command = "pathfarm render \"a.pbrt\"",
         .seed = UINT64_MAX,
         .spp = 32,
+        .techniques_off = TECHNIQUE_MIS,
         .stats = { .samples = 100,
                    .rays_closest = 300,
                    .rays_shadow = 200,
@@ -156,6 +158,9 @@ static void the_report_is_json_and_says_unknown_as_null(void **state)
     json_t *root = json_loads(text, 0, NULL);
     assert_non_null(root);
     assert_string_equal(json_string_value(json_object_get(root, "command")), report.command);
+    const json_t *off = json_object_get(root, "techniques_off");
+    assert_int_equal(json_array_size(off), 1);
+    assert_string_equal(json_string_value(json_array_get(off, 0)), "mis");
     assert_string_equal(json_string_value(json_object_get(root, "seed")), "18446744073709551615");
     assert_memory_equal(json_string_value(json_object_get(root, "job_digest")), "ab00", 4);
     assert_true(json_is_null(json_object_get(root, "wall_seconds")));

@@ -538,7 +538,9 @@ static void what_cannot_be_loaded_is_said_in_job_ready(void **state)
     } cases[] = { { "a scene that lies about itself", ERR_SCENE },
                   { "a spec without lanes", ERR_ARGUMENT },
                   { "another numeric profile", ERR_PROFILE },
-                  { "more memory than there is", ERR_MEMORY } };
+                  { "more memory than there is", ERR_MEMORY },
+                  { "a technique to do without that nobody knows", ERR_ARGUMENT },
+                  { "something in a place that is kept free", ERR_ARGUMENT } };
     for (size_t i = 0; i < sizeof(cases) / sizeof(cases[0]); i++) {
         struct farm farm;
         farm_open(&farm);
@@ -553,6 +555,10 @@ static void what_cannot_be_loaded_is_said_in_job_ready(void **state)
             other.digest[7] ^= 1;
         if (i == 3)
             options.max_memory = 1;
+        if (i == 4)
+            farm.spec.techniques_off = TECHNIQUE_ALL + 1;
+        if (i == 5)
+            farm.spec.reserved[0] = 1;
         options.profile = &other;
         farm.bundle = bundle_from_scene(farm.scene, &farm.spec, NULL);
         assert_non_null(farm.bundle);

@@ -176,6 +176,12 @@ static bool check_spec(const struct job_spec *spec, struct err *err)
         return err_set(err, ERR_ARGUMENT, "the job has %u channels", spec->channel_count);
     if (spec->max_lanes == 0 || spec->max_lanes > 8)
         return err_set(err, ERR_ARGUMENT, "the job has %u lanes", spec->max_lanes);
+    if ((spec->techniques_off & ~(uint32_t)TECHNIQUE_ALL) != 0)
+        return err_set(err, ERR_ARGUMENT, "the job does without techniques %#x, unknown here",
+                       spec->techniques_off);
+    for (size_t i = 0; i < sizeof(spec->reserved) / sizeof(spec->reserved[0]); i++)
+        if (spec->reserved[i] != 0)
+            return err_set(err, ERR_ARGUMENT, "the job says something that is unknown here");
     return true;
 }
 

@@ -133,7 +133,7 @@ static bool lights_open(struct kernel_scene *ks, struct err *err)
             number++;
         }
     }
-    ks->lights_sampled = number > 0;
+    ks->lights_sampled = number > 0 && (ks->spec.techniques_off & TECHNIQUE_LIGHT_SAMPLING) == 0;
     double sum = 0, left = number;
     for (uint32_t i = 0; i < n; i++) {
         const struct light *light = &scene->lights[i];
@@ -365,10 +365,10 @@ const char *kernel_variant_name(unsigned index)
     return index < VARIANT_COUNT ? variants[index].name : NULL;
 }
 
-static const struct variant *variant_for(unsigned effects, unsigned kernel)
+static const struct variant *variant_for(unsigned effects, bool everything)
 {
     const struct variant *last = &variants[VARIANT_COUNT - 1];
-    if (kernel != 0)
+    if (everything)
         return last;
     for (unsigned i = 0; i < VARIANT_COUNT; i++)
         if ((effects & ~variants[i].mask) == 0)
@@ -404,7 +404,8 @@ struct kernel_scene *kernel_open(const struct scene *scene, const struct job_spe
         goto fail;
     }
     bool avx2 = has_avx2();
-    const struct variant *variant = variant_for(effects, avx2 ? spec->kernel : 1);
+    bool everything = !avx2 || spec->kernel != 0 || spec->techniques_off != 0;
+    const struct variant *variant = variant_for(effects, everything);
     ks->variant = variant->name;
     ks->fx = variant->mask;
     ks->leaf = avx2 ? variant->leaf : path_leaf_everything_base;

@@ -209,6 +209,23 @@ LANE_FN unsigned camera_batch_take(struct camera_batch *batch, const struct kern
     return taken;
 }
 
+/* Does the job do without? Only the variant for everything can, and only it has code for that. */
+LANE_FN int without(const struct kernel_scene *ks, unsigned fx, uint32_t technique)
+{
+    return fx == (unsigned)FX_ALL && (ks->spec.techniques_off & technique) != 0;
+}
+
+/* The weight of light that scattering found, with density `pdf`; light sampling would have chosen
+ * that direction with density `pdf_light` (power heuristic) */
+LANE_FN f8 found_weight(const struct kernel_scene *ks, unsigned fx, f8 pdf, f8 pdf_light)
+{
+    if (without(ks, fx, TECHNIQUE_LIGHT_SAMPLING))
+        return F8(1);
+    if (without(ks, fx, TECHNIQUE_MIS))
+        return f8_select(pdf_light > 0, F8(0), F8(1));
+    return mis_weight(pdf, pdf_light);
+}
+
 LANE_FN struct vec3x8 vec3x8_add_where(i8 mask, struct vec3x8 a, struct vec3x8 b)
 {
     return vec3x8_select(mask, vec3x8_add(a, b), a);
@@ -424,7 +441,7 @@ LANE_FN struct vec3x8 sky_seen(const struct kernel_scene *ks, unsigned fx, i8 sk
         }
         f8 pdf_light = seen.pdf * light_pick(ks, fx, sky & rival, path->from, path->side,
                                              I8((int32_t)env->light));
-        f8 w = f8_select(rival, mis_weight(path->pdf, pdf_light), F8(1));
+        f8 w = f8_select(rival, found_weight(ks, fx, path->pdf, pdf_light), F8(1));
         struct vec3x8 found = vec3x8_mul(vec3x8_scale(path->beta, w), seen.L);
         L = vec3x8_add_where(sky, L, found);
     }
@@ -600,7 +617,7 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
             path.L = sky_seen(ks, fx, sky, &path);
         }
 
-        /* Emission, weighted against light sampling from the vertex before (power heuristic) */
+        /* Emission, weighted against light sampling from the vertex before */
         i8 emits = hit & (s.light != -1);
         if (fx & FX_PATHS)
             emits &= i8_gather(ks->dfa.accepts, path.state);
@@ -618,7 +635,7 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
             f8 w = F8(1);
             if (i8_any(rival)) {
                 f8 pdf_light = light_pdf(ks, fx, rival, light, path.from, path.side, s.p, n);
-                w = f8_select(rival, mis_weight(path.pdf, pdf_light), w);
+                w = f8_select(rival, found_weight(ks, fx, path.pdf, pdf_light), w);
             }
             struct vec3x8 Le = LIGHT3(radiance);
             if ((fx & FX_TEXTURE) && ks->emission != NULL)
@@ -759,6 +776,8 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
                                          fx & FX_MOTION ? path.time : F8(0));
                 }
                 f8 w = mis_weight(ls.pdf, f.pdf);
+                if (without(ks, fx, TECHNIQUE_MIS))
+                    w = F8(1);
                 if (fx & FX_DELTA_LIGHT)
                     w = f8_select(ls.delta, F8(1), w);
                 w = w / ls.pdf;
@@ -823,6 +842,8 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
         q = q * (1 / ROULETTE_REFERENCE);
         go &= q > 0;
         i8 gamble = go & (q < 1) & (path.events > 0);
+        if (without(ks, fx, TECHNIQUE_ROULETTE))
+            gamble = I8(0);
         if (i8_any(gamble)) {
             f8 r = sampler_1d(&ks->sampler, any, &path.key,
                               vertex_dimension(&path, SAMPLE_ROULETTE));
