@@ -1,4 +1,5 @@
 /* The `pathfarm` program: its commands, in a table. */
+#include "master/cmd_accuracy.h"
 #include "master/cmd_compare.h"
 #include "master/cmd_keygen.h"
 #include "master/cmd_lecture.h"
@@ -10,12 +11,13 @@
 #include <stdio.h>
 #include <string.h>
 
-#define COMMAND_MAP(X)                                                             \
-    X(render, "SCENE -o OUT.exr", "render a scene, here and on workers that join") \
-    X(plan, "SCENE", "what rendering a scene would involve, without doing it")     \
-    X(compare, "A.exr B.exr", "how far picture A is from the reference B")         \
-    X(keygen, "DIR", "make the keys of a farm")                                    \
-    X(lecture, "", "the lecture on path tracing, run: a page of experiments")      \
+#define COMMAND_MAP(X)                                                                    \
+    X(render, "SCENE -o OUT.exr", "render a scene, here and on workers that join")        \
+    X(plan, "SCENE", "what rendering a scene would involve, without doing it")            \
+    X(compare, "A.exr B.exr", "how far picture A is from the reference B")                \
+    X(accuracy, "SCENE", "what accuracy costs in time: techniques and samplers compared") \
+    X(keygen, "DIR", "make the keys of a farm")                                           \
+    X(lecture, "", "the lecture on path tracing, run: a page of experiments")             \
     X(selftest, "", "check this machine's arithmetic")
 
 static const struct command {
