@@ -105,11 +105,24 @@ static double best(const struct accuracy_curve *curve)
     return least;
 }
 
+/* What speedup_below says */
+static double speed_limit(const struct accuracy_curve *curve, const struct accuracy_curve *base)
+{
+    size_t first = 0;
+    while (first < base->count && !is_known(&base->rungs[first]))
+        first++;
+    if (first == base->count || curve->count == 0 ||
+        !(best(curve) > base->rungs[first].point.relmse))
+        return NAN;
+    return base->rungs[first].facts.core_s / accuracy_curve_last(curve)->facts.core_s;
+}
+
 void accuracy_curve_finish(struct accuracy_curve *curve, const struct accuracy_curve *base)
 {
     curve->slope = curve->count > 0 ? fitted_slope(curve) : unknown;
     curve->at_relmse = fmax(best(curve), best(base));
     curve->speedup = unknown;
+    curve->speedup_below = speed_limit(curve, base);
     struct accuracy_value mine = accuracy_curve_time(curve, curve->at_relmse);
     struct accuracy_value theirs = accuracy_curve_time(base, curve->at_relmse);
     if (!isfinite(mine.value) || !isfinite(theirs.value))

@@ -38,8 +38,8 @@ static struct text value_text(double value, double error)
         return t;
     }
     int places = 1 - (int)floor(log10(error));
-    if (places > 6 || fabs(value) < 1e-4) /* as powers of ten: the decimals after the first digit */
-        snprintf(t.text, sizeof(t.text), "%.2e ± %.0e", value, error);
+    if (places > 6) /* as powers of ten */
+        snprintf(t.text, sizeof(t.text), "%.1e ± %.0e", value, error);
     else
         snprintf(t.text, sizeof(t.text), "%.*f ± %.*f", places < 0 ? 0 : places, value,
                  places < 0 ? 0 : places, error);
@@ -51,6 +51,8 @@ static struct text speedup_text(const struct accuracy_curve *curve,
 {
     if (curve == base)
         return (struct text){ "1" };
+    if (isfinite(curve->speedup_below))
+        return number_text(curve->speedup_below, "below %.2g");
     return value_text(curve->speedup.value, curve->speedup.error);
 }
 
@@ -195,6 +197,24 @@ static double common_time(const struct accuracy_study *study)
     return time;
 }
 
+/* Is there a curve of that name? */
+static bool shows(const struct accuracy_study *study, const char *name)
+{
+    for (size_t i = 0; i < study->curve_count; i++)
+        if (study->curves[i].count > 0 && strcmp(study->curves[i].setup->name, name) == 0)
+            return true;
+    return false;
+}
+
+/* ... or one without some technique? */
+static bool switches(const struct accuracy_study *study)
+{
+    for (size_t i = 0; i < study->curve_count; i++)
+        if (study->curves[i].count > 0 && study->curves[i].setup->techniques_off != 0)
+            return true;
+    return false;
+}
+
 static void write_summary(const struct writer *w)
 {
     const struct accuracy_study *study = w->study;
@@ -220,6 +240,10 @@ static void write_summary(const struct writer *w)
                  speedup_text(curve, &study->curves[0]).text, curve->setup->what);
     }
     page_table_end(w->page);
+    if (shows(study, "everything") && switches(study))
+        page_note(w->page, "Mind",
+                  "Techniques are switched off in the kernel for everything. What they are worth "
+                  "without its cost is the difference to the row `{everything}.");
     for (size_t i = 0; i < study->curve_count; i++)
         if (study->curves[i].refusal != NULL)
             page_note(w->page, "Left out", "%s: %s.", study->curves[i].setup->name,
@@ -260,33 +284,39 @@ static void write_plots(const struct writer *w)
     }
 }
 
-static void write_table(const struct writer *w)
+static void write_tables(const struct writer *w)
 {
+    const struct accuracy_study *study = w->study;
     page_section(w->page, "Every figure");
-    char caption[256];
-    snprintf(caption, sizeof(caption),
-             "At the end of each ladder, within %.3g core-seconds; all rungs are in accuracy.csv",
-             w->facts->core_s);
-    page_table_begin(w->page, caption,
-                     "configuration\tspp\tK\tcore s\twall s\trelMSE\t95 % band\tbias^{2}\tTTUV\t"
-                     "slope\tcut energy\tnon-finite\tspeed");
-    for (size_t i = 0; i < w->study->curve_count; i++) {
-        const struct accuracy_curve *curve = &w->study->curves[i];
+    page_text(w->page,
+              "At the end of each ladder of sample counts, within %.3g core-seconds. All rungs are "
+              "in accuracy.csv.",
+              w->facts->core_s);
+    page_table_begin(w->page, "How far from the truth",
+                     "configuration\trelMSE\t95 % band\tbias^{2}\tslope\tcut energy\tnon-finite");
+    for (size_t i = 0; i < study->curve_count; i++) {
+        const struct accuracy_curve *curve = &study->curves[i];
         const struct accuracy_rung *rung = accuracy_curve_last(curve);
         if (rung == NULL)
             continue;
         const struct accuracy_point *p = &rung->point;
         const double band = ACCURACY_BAND * p->relmse_error;
-        page_row(w->page,
-                 "%s\t%" PRIu64 "\t%" PRIu32
-                 "\t%.3g\t%.3g\t%.3g\t%.3g to %.3g\t%s\t%s\t%s\t%.2g\t%" PRIu64 "\t%s",
-                 curve->setup->name, rung->facts.spp, rung->facts.replicates, rung->facts.core_s,
-                 rung->facts.wall_s, p->relmse, p->relmse - band, p->relmse + band,
+        page_row(w->page, "%s\t%.3g\t%.3g to %.3g\t%s\t%s\t%.2g\t%" PRIu64, curve->setup->name,
+                 p->relmse, p->relmse - band, p->relmse + band,
                  value_text(p->bias2, p->bias2_error).text,
-                 number_text(accuracy_curve_ttuv(rung), "%.3g").text,
                  value_text(curve->slope.value, curve->slope.error).text,
-                 rung->facts.truncated_energy, rung->facts.nonfinite,
-                 speedup_text(curve, &w->study->curves[0]).text);
+                 rung->facts.truncated_energy, rung->facts.nonfinite);
+    }
+    page_table_end(w->page);
+    page_table_begin(w->page, "What it took", "configuration\tspp\tK\tcore s\twall s\tTTUV\tspeed");
+    for (size_t i = 0; i < study->curve_count; i++) {
+        const struct accuracy_curve *curve = &study->curves[i];
+        const struct accuracy_rung *rung = accuracy_curve_last(curve);
+        if (rung != NULL)
+            page_row(w->page, "%s\t%" PRIu64 "\t%" PRIu32 "\t%.3g\t%.3g\t%.3g\t%s",
+                     curve->setup->name, rung->facts.spp, rung->facts.replicates,
+                     rung->facts.core_s, rung->facts.wall_s, accuracy_curve_ttuv(rung),
+                     speedup_text(curve, &study->curves[0]).text);
     }
     page_table_end(w->page);
 }
@@ -371,7 +401,7 @@ bool accuracy_page_write(const struct accuracy_study *study, const struct accura
         return err_set(err, ERR_MEMORY, "no memory for the page");
     write_summary(&w);
     write_plots(&w);
-    write_table(&w);
+    write_tables(&w);
     write_crops(&w);
     write_meanings(&w);
     bool saved = page_save(w.page, path, err);

@@ -230,6 +230,7 @@ static struct accuracy_window choose_window(const struct image *reference)
     return best;
 }
 
+/* The window as an image of its own; NULL when memory runs out */
 static struct image *cut(const struct image *from, const struct accuracy_window *window)
 {
     static const char *const COLORS[] = { "R", "G", "B" };
@@ -248,8 +249,7 @@ static struct image *cut(const struct image *from, const struct accuracy_window 
     return image;
 }
 
-/* The window by every setup, from few samples to many. Files with a data window of their own would
- * need its corner; what is rendered here begins at the picture's. */
+/* The window by a setup, from few samples to many */
 static bool take_crops(const struct runner *runner, const struct accuracy_study *study,
                        struct accuracy_curve *curve, struct err *err)
 {
@@ -262,10 +262,14 @@ static bool take_crops(const struct runner *runner, const struct accuracy_study 
     const char *const more[] = { "--crop", text, NULL };
     for (int i = 0; i < ACCURACY_CROPS_MAX && runner->plan->crop_spp[i] > 0; i++) {
         struct render_facts facts;
-        curve->crops[i] = render(runner, curve->setup, more, runner->plan->crop_spp[i],
-                                 ACCURACY_SEED, &facts, err);
-        if (curve->crops[i] == NULL)
+        struct image *image = render(runner, curve->setup, more, runner->plan->crop_spp[i],
+                                     ACCURACY_SEED, &facts, err);
+        if (image == NULL)
             return false;
+        curve->crops[i] = cut(image, &(struct accuracy_window){ .side = w->side });
+        image_free(image);
+        if (curve->crops[i] == NULL)
+            return err_set(err, ERR_MEMORY, "no memory for a crop");
         curve->crop_spp[i] = facts.spp;
     }
     return true;

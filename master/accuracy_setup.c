@@ -11,6 +11,7 @@
 
 #define WITHOUT_LIGHTS "--no-light-sampling"
 
+/* A new way of rendering is a row; accuracy_page.c has the titles of the groups. */
 const struct accuracy_setup accuracy_setup_table[] = {
     { "default",
       "default",
@@ -46,9 +47,14 @@ const struct accuracy_setup accuracy_setup_table[] = {
       TECHNIQUE_ROULETTE },
     { "plain",
       "technique",
-      "none of all that: independent, no light sampling",
+      "independent numbers and no light sampling: the textbook's path tracer",
       { "--sampler", "independent", WITHOUT_LIGHTS },
       TECHNIQUE_LIGHT_SAMPLING },
+    { "replicates-1",
+      "replicates",
+      "one long sequence, and no error estimate: what the estimate's price is held against",
+      { "--sampler", "sobol", "--replicates", "1" },
+      0 },
     { "replicates-2",
       "replicates",
       "two replicates: longer sequences, a vaguer error estimate",
