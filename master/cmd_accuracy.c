@@ -305,65 +305,63 @@ static char *command_text(int argc, char **argv)
     return fclose(out) == 0 ? text : NULL;
 }
 
-int cmd_accuracy(int argc, char **argv)
+/* Everything after the options. 0, 1 or 2; but for 0, err says why. */
+static int run(struct options *o, const char *command, struct err *err)
 {
     static const uint64_t CROPS[2][ACCURACY_CROPS_MAX] = { { 1, 4, 64, 1024 }, { 1, 4, 64 } };
-    struct options o;
-    struct err err = { 0 };
-    struct job_setup setup = { 0 };
-    struct accuracy_study study;
     const struct accuracy_setup *setups[ACCURACY_SETUPS_MAX];
     size_t setup_count;
-    bool help = false;
+    struct job_setup setup;
+    struct accuracy_study study;
     char size[48];
     int status = 2;
+    if (!accuracy_setup_choose(o->configs, setups, &setup_count, err) ||
+        !read_scene(o, &setup, err))
+        return status;
+    if (!make_folder(o->folder, err) ||
+        (!o->sized && !choose_size(o, setup.scene, size, sizeof(size), err)))
+        goto done;
 
-    char *command = command_text(argc, argv); /* before getopt moves words about */
-    if (command == NULL) {
-        err_set(&err, ERR_MEMORY, "no memory");
-        goto fail;
-    }
-    if (!parse_options(argc, argv, &o, &help, &err))
-        goto fail;
-    if (help) {
-        usage(stdout);
-        free(command);
-        return 0;
-    }
-    if (!accuracy_setup_choose(o.configs, setups, &setup_count, &err) ||
-        !read_scene(&o, &setup, &err) || !make_folder(o.folder, &err))
-        goto fail;
-    if (!o.sized && !choose_size(&o, setup.scene, size, sizeof(size), &err))
-        goto fail;
-
-    const char *arguments[RENDER_MAX + 2] = { o.scene };
-    memcpy(arguments + 1, o.render, o.render_count * sizeof(arguments[0]));
+    const char *arguments[RENDER_MAX + 2] = { o->scene };
+    memcpy(arguments + 1, o->render, o->render_count * sizeof(arguments[0]));
     const struct accuracy_plan plan = {
         .arguments = arguments,
         .scene = setup.scene,
         .setups = setups,
         .setup_count = setup_count,
-        .seeds = o.seeds,
-        .core_s = o.core_s,
-        .multiple = o.multiple,
-        .reference_path = o.reference,
-        .crop_spp = CROPS[o.quick],
+        .seeds = o->seeds,
+        .core_s = o->core_s,
+        .multiple = o->multiple,
+        .reference_path = o->reference,
+        .crop_spp = CROPS[o->quick],
     };
-    if (!accuracy_run(&plan, &study, &err)) {
-        status = err.code == ERR_ARGUMENT ? 2 : 1;
-        goto fail;
-    }
-    status = write_all(&o, &study, command, &err) ? 0 : 1;
-    accuracy_run_free(&study);
-    if (status == 0) {
-        job_setup_close(&setup);
-        free(command);
-        return 0;
+    if (accuracy_run(&plan, &study, err)) {
+        status = write_all(o, &study, command, err) ? 0 : 1;
+        accuracy_run_free(&study);
+    } else if (err->code != ERR_ARGUMENT) {
+        status = 1;
     }
 
-fail:
-    fprintf(stderr, "pathfarm accuracy: %s\n", err.text);
+done:
     job_setup_close(&setup);
+    return status;
+}
+
+int cmd_accuracy(int argc, char **argv)
+{
+    struct options options;
+    struct err err = { 0 };
+    bool help = false;
+    int status = 2;
+    char *command = command_text(argc, argv); /* before getopt moves words about */
+    if (command == NULL)
+        err_set(&err, ERR_MEMORY, "no memory");
+    else if (parse_options(argc, argv, &options, &help, &err))
+        status = help ? 0 : run(&options, command, &err);
+    if (help)
+        usage(stdout);
+    if (status != 0)
+        fprintf(stderr, "pathfarm accuracy: %s\n", err.text);
     free(command);
     return status;
 }
