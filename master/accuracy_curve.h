@@ -32,6 +32,7 @@ struct accuracy_value {
 struct accuracy_curve {
     const struct accuracy_setup *setup;
     const char *refusal; /* why the scene cannot be rendered so: then there is nothing else */
+    bool cut;            /* it has a depth limit (ACCURACY_DEPTH_TEXT) that others have not */
     unsigned seeds;
     struct accuracy_rung rungs[ACCURACY_RUNGS_MAX]; /* samples double from one to the next */
     size_t count;

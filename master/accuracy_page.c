@@ -252,6 +252,13 @@ static void write_summary(const struct writer *w)
                   "Techniques are switched off in the kernel for everything: hold those rows "
                   "against the row `{everything}, which does nothing else.");
     for (size_t i = 0; i < study->curve_count; i++)
+        if (study->curves[i].cut && study->curves[i].count > 0)
+            page_note(w->page, "Mind",
+                      "In `{%s} paths end after " ACCURACY_DEPTH_TEXT
+                      " events, as the scene has no limit of its own; how much light that cuts is "
+                      "told below as cut energy.",
+                      study->curves[i].setup->name);
+    for (size_t i = 0; i < study->curve_count; i++)
         if (study->curves[i].refusal != NULL)
             page_note(w->page, "Left out", "%s: %s.", study->curves[i].setup->name,
                       study->curves[i].refusal);
