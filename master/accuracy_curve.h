@@ -50,7 +50,7 @@ struct accuracy_curve {
  * Fit the slope, to the rungs with as many replicates as the last and an error that is known to a
  * third, and find how many times faster than `base` this curve comes to the smallest error that
  * both reach. Between rungs, logarithms are interpolated; beyond them nothing is said, but that a
- * curve that ends above where `base` begins is slower than the two times make it.
+ * curve that surely ends above where `base` begins is slower than the two times make it.
  */
 void accuracy_curve_finish(struct accuracy_curve *curve, const struct accuracy_curve *base);
 

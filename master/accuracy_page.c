@@ -240,7 +240,6 @@ static void write_summary(const struct writer *w)
         const struct accuracy_curve *curve = &study->curves[i];
         if (curve->count == 0)
             continue;
-        /* At its very end a curve may miss by a rounding */
         struct accuracy_value error = accuracy_curve_error(curve, time);
         page_row(w->page, "%s\t%s\t%s\t%s", curve->setup->name,
                  value_text(error.value, error.error).text,
@@ -355,12 +354,13 @@ static void write_meanings(const struct writer *w)
                       "would be one. Smaller is better");
     page_row(w->page, "slope\tof ln relMSE over ln core-seconds, fitted to the samples with as "
                       "many replicates as the last");
-    page_row(w->page,
-             "speed\tcore-seconds of the default over those of a configuration, both at the "
-             "smallest error that both reached; logarithms are interpolated between "
-             "numbers of samples. ± takes the pictures as independent. They share their "
-             "seeds, so where two are alike it says too much. “below” is a bound: this "
-             "one ends above where the default begins");
+    page_row(
+        w->page,
+        "speed\tcore-seconds of the default over those of a configuration, both at the "
+        "smallest error that both reached; logarithms are interpolated between "
+        "numbers of samples. ± takes the pictures as independent. They share their "
+        "seeds, so where two are alike it says too much. “below” is a bound: this "
+        "one ends above where the default begins. — is where errors are too uncertain to tell");
     page_row(w->page, "cut energy\tthroughput of paths that the depth limit cut, per camera path: "
                       "it compares with pixel values");
     page_row(w->page, "non-finite\tsamples that were no numbers and were left out");
