@@ -231,7 +231,8 @@ static void write_summary(const struct writer *w)
     page_text(w->page,
               "All of these converge to the same picture. They differ in how noisy it is after the "
               "same work. *{Speed} is how many times sooner than the default a configuration comes "
-              "to the smallest error that both reached: below 1 is slower.");
+              "to the smallest error that both reached: below 1 is slower, — is too uncertain to "
+              "tell.");
     snprintf(caption, sizeof(caption),
              "relMSE after %.3g core-seconds, and speed at equal error; ± is one standard error",
              time);
@@ -345,7 +346,7 @@ static void write_meanings(const struct writer *w)
              "relMSE\tmean of (x - r)^{2} / (r^{2} + %g) over pixels and channels, r the "
              "reference; what the reference's own noise adds is taken off",
              ACCURACY_EPSILON);
-    page_row(w->page, "95 %% band\tof relMSE, from how pixels differ between %u seeds",
+    page_row(w->page, "the 95 %% band\tof relMSE, from how pixels differ between %u seeds",
              study->curves[0].seeds);
     page_row(w->page, "bias^{2}\tthe part of relMSE that more samples would not remove: relMSE "
                       "minus the variance between seeds. Zero within its error is what all "
