@@ -22,10 +22,14 @@ static double relative_error(const struct accuracy_rung *rung)
 }
 
 /* Can its logarithms be taken? Below the reference's noise an error may come out negative. */
+static bool is_positive(const struct accuracy_rung *rung)
+{
+    return rung->point.relmse > 0 && rung->facts.core_s > 0 && rung->point.relmse_error > 0;
+}
+
 static bool is_known(const struct accuracy_rung *rung)
 {
-    double error = relative_error(rung);
-    return rung->point.relmse > 0 && rung->facts.core_s > 0 && error > 0 && error < KNOWN_TO;
+    return is_positive(rung) && relative_error(rung) < KNOWN_TO;
 }
 
 static struct accuracy_value fitted_slope(const struct accuracy_curve *curve)
@@ -76,7 +80,7 @@ static struct accuracy_value look_up(const struct accuracy_curve *curve, double 
 {
     for (size_t i = 1; i < curve->count; i++) {
         const struct accuracy_rung *a = &curve->rungs[i - 1], *b = &curve->rungs[i];
-        if (!is_known(a) || !is_known(b))
+        if (time ? !is_known(a) || !is_known(b) : !is_positive(a) || !is_positive(b))
             continue;
         if (time ? lies_between(value, a->point.relmse, b->point.relmse)
                  : lies_between(value, a->facts.core_s, b->facts.core_s))
@@ -105,14 +109,27 @@ static double best(const struct accuracy_curve *curve)
     return least;
 }
 
-/* What speedup_below says */
+/* The smallest error that its rungs may have: the ends of their bands */
+static double at_least(const struct accuracy_curve *curve)
+{
+    double least = INFINITY;
+    for (size_t i = 0; i < curve->count; i++) {
+        const struct accuracy_point *p = &curve->rungs[i].point;
+        least = fmin(least, p->relmse - ACCURACY_BAND * p->relmse_error);
+    }
+    return least;
+}
+
+/* What speedup_below says: surely, so with both at the unlucky ends of their bands */
 static double speed_limit(const struct accuracy_curve *curve, const struct accuracy_curve *base)
 {
     size_t first = 0;
     while (first < base->count && !is_known(&base->rungs[first]))
         first++;
-    if (first == base->count || curve->count == 0 ||
-        !(best(curve) > base->rungs[first].point.relmse))
+    if (first == base->count || curve->count == 0)
+        return NAN;
+    const struct accuracy_point *p = &base->rungs[first].point;
+    if (!(at_least(curve) > p->relmse + ACCURACY_BAND * p->relmse_error))
         return NAN;
     return base->rungs[first].facts.core_s / accuracy_curve_last(curve)->facts.core_s;
 }

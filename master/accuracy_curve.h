@@ -32,6 +32,7 @@ struct accuracy_value {
 struct accuracy_curve {
     const struct accuracy_setup *setup;
     const char *refusal; /* why the scene cannot be rendered so: then there is nothing else */
+    bool cut;            /* it has a depth limit (ACCURACY_DEPTH_TEXT) that others have not */
     unsigned seeds;
     struct accuracy_rung rungs[ACCURACY_RUNGS_MAX]; /* samples double from one to the next */
     size_t count;
@@ -49,7 +50,7 @@ struct accuracy_curve {
  * Fit the slope, to the rungs with as many replicates as the last and an error that is known to a
  * third, and find how many times faster than `base` this curve comes to the smallest error that
  * both reach. Between rungs, logarithms are interpolated; beyond them nothing is said, but that a
- * curve that ends above where `base` begins is slower than the two times make it.
+ * curve that surely ends above where `base` begins is slower than the two times make it.
  */
 void accuracy_curve_finish(struct accuracy_curve *curve, const struct accuracy_curve *base);
 

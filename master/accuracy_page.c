@@ -56,6 +56,14 @@ static struct text speedup_text(const struct accuracy_curve *curve,
     return value_text(curve->speedup.value, curve->speedup.error);
 }
 
+static struct text slope_text(const struct accuracy_curve *curve)
+{
+    struct text t = { "—" };
+    if (isfinite(curve->slope.value))
+        snprintf(t.text, sizeof(t.text), "%.2f ± %.2f", curve->slope.value, curve->slope.error);
+    return t;
+}
+
 /* ---- plots */
 
 /* A curve as a series of numbers */
@@ -83,8 +91,8 @@ static void add_curve(struct figure *figure, const struct accuracy_curve *curve)
         line->error[i] = ACCURACY_BAND * curve->rungs[i].point.relmse_error;
     }
     if (isfinite(curve->slope.value))
-        snprintf(line->name, sizeof(line->name), "%s: %.2f ± %.2f", curve->setup->name,
-                 curve->slope.value, curve->slope.error);
+        snprintf(line->name, sizeof(line->name), "%s: %s", curve->setup->name,
+                 slope_text(curve).text);
     else
         snprintf(line->name, sizeof(line->name), "%s", curve->setup->name);
     bool again = figure->count / COLOURS % 2 == 1;
@@ -98,17 +106,16 @@ static void add_curve(struct figure *figure, const struct accuracy_curve *curve)
     };
 }
 
-/* What independent samples would do, from the first rung of the first curve on */
+/* What independent samples would do that end where the first curve does */
 static void add_theory(struct figure *figure, const struct accuracy_curve *curve)
 {
-    if (curve->count == 0)
+    const struct accuracy_rung *last = accuracy_curve_last(curve);
+    if (last == NULL)
         return;
-    double x = curve->rungs[0].facts.core_s, y = curve->rungs[0].point.relmse;
-    double times = accuracy_curve_last(curve)->facts.core_s / x;
-    figure->theory_x[0] = x;
-    figure->theory_y[0] = y;
-    figure->theory_x[1] = x * times;
-    figure->theory_y[1] = y / times;
+    figure->theory_x[0] = curve->rungs[0].facts.core_s;
+    figure->theory_x[1] = last->facts.core_s;
+    figure->theory_y[0] = last->point.relmse * last->facts.core_s / figure->theory_x[0];
+    figure->theory_y[1] = last->point.relmse;
     figure->series[figure->count++] = (struct plot_series){ .name = "independent samples: -1",
                                                             .style = PLOT_DASHED | PLOT_GREY,
                                                             .count = 2,
@@ -224,7 +231,8 @@ static void write_summary(const struct writer *w)
     page_text(w->page,
               "All of these converge to the same picture. They differ in how noisy it is after the "
               "same work. *{Speed} is how many times sooner than the default a configuration comes "
-              "to the smallest error that both reached: below 1 is slower.");
+              "to the smallest error that both reached: below 1 is slower, — is too uncertain to "
+              "tell.");
     snprintf(caption, sizeof(caption),
              "relMSE after %.3g core-seconds, and speed at equal error; ± is one standard error",
              time);
@@ -233,7 +241,6 @@ static void write_summary(const struct writer *w)
         const struct accuracy_curve *curve = &study->curves[i];
         if (curve->count == 0)
             continue;
-        /* At its very end a curve may miss by a rounding */
         struct accuracy_value error = accuracy_curve_error(curve, time);
         page_row(w->page, "%s\t%s\t%s\t%s", curve->setup->name,
                  value_text(error.value, error.error).text,
@@ -242,8 +249,15 @@ static void write_summary(const struct writer *w)
     page_table_end(w->page);
     if (shows(study, "everything") && switches(study))
         page_note(w->page, "Mind",
-                  "Techniques are switched off in the kernel for everything. What they are worth "
-                  "without its cost is the difference to the row `{everything}.");
+                  "Techniques are switched off in the kernel for everything: hold those rows "
+                  "against the row `{everything}, which does nothing else.");
+    for (size_t i = 0; i < study->curve_count; i++)
+        if (study->curves[i].cut && study->curves[i].count > 0)
+            page_note(w->page, "Mind",
+                      "In `{%s} paths end after " ACCURACY_DEPTH_TEXT
+                      " events, as the scene has no limit of its own; how much light that cuts is "
+                      "told below as cut energy.",
+                      study->curves[i].setup->name);
     for (size_t i = 0; i < study->curve_count; i++)
         if (study->curves[i].refusal != NULL)
             page_note(w->page, "Left out", "%s: %s.", study->curves[i].setup->name,
@@ -303,8 +317,7 @@ static void write_tables(const struct writer *w)
         const double band = ACCURACY_BAND * p->relmse_error;
         page_row(w->page, "%s\t%.3g\t%.3g to %.3g\t%s\t%s\t%.2g\t%" PRIu64, curve->setup->name,
                  p->relmse, p->relmse - band, p->relmse + band,
-                 value_text(p->bias2, p->bias2_error).text,
-                 value_text(curve->slope.value, curve->slope.error).text,
+                 value_text(p->bias2, p->bias2_error).text, slope_text(curve).text,
                  rung->facts.truncated_energy, rung->facts.nonfinite);
     }
     page_table_end(w->page);
@@ -333,7 +346,7 @@ static void write_meanings(const struct writer *w)
              "relMSE\tmean of (x - r)^{2} / (r^{2} + %g) over pixels and channels, r the "
              "reference; what the reference's own noise adds is taken off",
              ACCURACY_EPSILON);
-    page_row(w->page, "95 %% band\tof relMSE, from how pixels differ between %u seeds",
+    page_row(w->page, "the 95 %% band\tof relMSE, from how pixels differ between %u seeds",
              study->curves[0].seeds);
     page_row(w->page, "bias^{2}\tthe part of relMSE that more samples would not remove: relMSE "
                       "minus the variance between seeds. Zero within its error is what all "
@@ -342,6 +355,13 @@ static void write_meanings(const struct writer *w)
                       "would be one. Smaller is better");
     page_row(w->page, "slope\tof ln relMSE over ln core-seconds, fitted to the samples with as "
                       "many replicates as the last");
+    page_row(
+        w->page,
+        "speed\tcore-seconds of the default over those of a configuration, both at the "
+        "smallest error that both reached; logarithms are interpolated between "
+        "numbers of samples. ± takes the pictures as independent. They share their "
+        "seeds, so where two are alike it says too much. “below” is a bound: this "
+        "one ends above where the default begins. — is where errors are too uncertain to tell");
     page_row(w->page, "cut energy\tthroughput of paths that the depth limit cut, per camera path: "
                       "it compares with pixel values");
     page_row(w->page, "non-finite\tsamples that were no numbers and were left out");

@@ -292,6 +292,7 @@ static bool run_all(const struct runner *runner, struct accuracy_study *study, s
         struct accuracy_curve *curve = &study->curves[i];
         curve->setup = plan->setups[i];
         curve->refusal = accuracy_setup_refusal(curve->setup, plan->scene);
+        curve->cut = needs_depth(curve->setup, plan->scene);
         if (curve->refusal != NULL)
             fprintf(stderr, "%-18s left out: %s\n", curve->setup->name, curve->refusal);
         else if (!ladder(runner, study->reference, curve, err) ||

@@ -191,6 +191,11 @@ static void nothing_is_said_beyond_the_ends_of_a_curve(void **state)
     assert_true(isnan(hopeless.speedup.value));
     EXPECT_NEAR(hopeless.speedup_below, 1.0 / 128, 1e-9);
     assert_true(hopeless.speedup_below > 0.001); /* the truth: it is a bound */
+    hopeless.rungs[7].point.relmse = 0.3;        /* and none where it may be better than it seems */
+    hopeless.rungs[7].point.relmse_error = 0.2;
+    accuracy_curve_finish(&hopeless, &base);
+    assert_true(isnan(hopeless.speedup.value) && isnan(hopeless.speedup_below));
+    EXPECT_NEAR(accuracy_curve_error(&hopeless, 1.28).error, 0.2, 1e-9);
     accuracy_curve_finish(&short_one, &base);
     assert_true(isnan(short_one.slope.value));
     EXPECT_NEAR(short_one.speedup.value, 1, 1e-9);
