@@ -5,8 +5,9 @@
 #include <math.h>
 
 #define FORGET_S 10.0 /* the pace of workers that came or went is that of all after this time */
-#define ENOUGH_S 0.5  /* of the time since the first results: before, take all since the beginning \
-                       */
+#define ENOUGH_S                                                                     \
+    0.5 /* of the time since the first results: before, take all since the beginning \
+         */
 
 void spending_begin(struct spending *s, uint64_t now_ms)
 {
