@@ -126,7 +126,7 @@ static void on_round(void *owner, unsigned round)
         farm->events.on_round(farm->owner);
     size_t count;
     const struct ledger_row *rows = farm_ledger(farm, &count);
-    if (limits_met(&farm->job.limits, &rows[count - 1])) {
+    if (!farm->ended && limits_met(&farm->job.limits, &rows[count - 1])) {
         intake_stop(farm->intake);
         farm->stopped_by = LIMIT_ERROR;
         farm_end(farm, NULL);

@@ -20,9 +20,11 @@ static const struct habits RANDOM = { .slope = 1, .spread = 0.01, .later = 1 };
 /* Of all others, measured on small renders of a dozen scenes; tests/prediction checks what follows.
  * Powers of two fill strata, which makes bumps; edges and smooth parts, whose errors fall faster,
  * have their share in the first rows. */
-static const struct habits STRATIFIED = { 1.1, 0.08, 1.07, 0.03, 0.06 };
+static const struct habits STRATIFIED = { 1.1, 0.08, 1.06, 0.04, 0.05 };
 
-#define GOES_LATER 0.5 /* of the way that is left, per factor e in samples */
+#define GOES_LATER 0.4 /* of the way that is left, per factor e in samples */
+
+#define COST_SPREAD 0.05 /* of what a sample costs now and later, as a relative deviation */
 
 #define TOO_LOW  0.05
 #define TOO_HIGH 0.95
@@ -34,6 +36,8 @@ struct filter {
     double at[STATES], covariance[STATES][STATES];
     double x;         /* ln spp */
     double deviation; /* of the noise */
+    double variances; /* of the rows' estimates, added up */
+    double rows;
     const struct habits *habits;
 };
 
@@ -42,11 +46,17 @@ static bool known(const struct ledger_row *row)
     return row->accuracy.verdict == ACCURACY_KNOWN && row->accuracy.relmse > 0 && row->spp > 0;
 }
 
-static double deviation_of(const struct accuracy *accuracy, const struct habits *habits)
+/*
+ * The noise of a row's estimate, as a relative deviation. Where rare samples matter, the values
+ * that seem to hold the error are many until such a sample comes and few after it: so what all rows
+ * say of it is averaged.
+ */
+static void learn_deviation(struct filter *f, const struct accuracy *accuracy)
 {
     double dof = accuracy->effective_values * (accuracy->replicates - 1);
-    double noise = isfinite(dof) && dof > 0 ? 2 / dof : 0;
-    return sqrt(noise + habits->bumps * habits->bumps);
+    f->variances += isfinite(dof) && dof > 0 ? 2 / dof : 0;
+    f->rows++;
+    f->deviation = sqrt(f->variances / f->rows + f->habits->bumps * f->habits->bumps);
 }
 
 /* a = m a m^T */
@@ -70,13 +80,13 @@ static void transform(double a[STATES][STATES], const double m[STATES][STATES])
 static void begin(struct filter *f, const struct ledger_row *row, uint32_t sampler)
 {
     const struct habits *habits = sampler == SAMPLER_INDEPENDENT ? &RANDOM : &STRATIFIED;
-    double deviation = deviation_of(&row->accuracy, habits);
     *f = (struct filter){
         .at = { elem_log(row->accuracy.relmse), habits->slope, 0 },
         .x = elem_log((double)row->spp),
-        .deviation = deviation,
         .habits = habits,
     };
+    learn_deviation(f, &row->accuracy);
+    double deviation = f->deviation;
     /* The level is known but for the noise of its only observation */
     f->covariance[LEVEL][LEVEL] = deviation * deviation;
     f->covariance[LEVEL][NOISE] = f->covariance[NOISE][LEVEL] = -deviation;
@@ -116,7 +126,7 @@ static double expected(const struct filter *f, double *variance)
 static void observe(struct filter *f, const struct accuracy *accuracy)
 {
     double variance, gain[STATES], seen[STATES];
-    f->deviation = deviation_of(accuracy, f->habits);
+    learn_deviation(f, accuracy);
     double surprise = elem_log(accuracy->relmse) - expected(f, &variance);
     if (!(variance > 1e-12)) /* nothing to learn, and nothing to divide by */
         return;
@@ -219,6 +229,22 @@ static bool find_ends(const struct filter *now, const struct predict_job *job, u
     return ends->mid > 0 && rounds <= ROUND_COUNT;
 }
 
+/* A band of samples still to come as one of what they cost, in the cost of one sample now: half a
+ * round is added by the caller, and here that other samples may cost more or less. */
+static struct predict_band wider(double low, double mid, double high)
+{
+    double spread = 1.645 * COST_SPREAD;
+    double down = sqrt(pow(log(mid / low), 2) + spread * spread);
+    double up = sqrt(pow(log(high / mid), 2) + spread * spread);
+    return (struct predict_band){ mid * exp(-down), mid, mid * exp(up) };
+}
+
+static struct predict_band after(double spent, double cost, const struct predict_band *more)
+{
+    return (struct predict_band){ spent + cost * more->low, spent + cost * more->mid,
+                                  spent + cost * more->high };
+}
+
 bool predict_end(const struct predict_job *job, const struct ledger_row *rows, size_t count,
                  struct prediction *out)
 {
@@ -235,15 +261,12 @@ bool predict_end(const struct predict_job *job, const struct ledger_row *rows, s
     double low = (double)job_samples(spec, ends.low), mid = (double)job_samples(spec, ends.mid);
     double high = (double)job_samples(spec, ends.high);
     out->spp = (struct predict_band){ low, mid, high };
-    /* Half a round further out, in time */
     low = sqrt(low * (double)job_samples(spec, ends.low - 1)) - now;
     high = sqrt(high * (double)job_samples(spec, ends.high + 1)) - now;
-    mid -= now;
     pace(rows, count, &core_s, &wall_s);
-    out->core_s = (struct predict_band){ last->core_s + core_s * low, last->core_s + core_s * mid,
-                                         last->core_s + core_s * high };
-    out->wall_s = (struct predict_band){ last->wall_s + wall_s * low, last->wall_s + wall_s * mid,
-                                         last->wall_s + wall_s * high };
+    struct predict_band more = wider(low, mid - now, high);
+    out->core_s = after(last->core_s, core_s, &more);
+    out->wall_s = after(last->wall_s, wall_s, &more);
     out->slope = -f.at[SLOPE];
     out->slope_stderr = sqrt(f.covariance[SLOPE][SLOPE]);
     return true;

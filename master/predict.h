@@ -9,14 +9,16 @@
  *     wanders a little;
  *     the noise of the estimate. Rows share samples, so it is remembered: estimates at n and N > n
  *     samples are correlated by n / N, which is exp(-dx). Its variance is that of a chi-square
- *     variable with n (K - 1) degrees of freedom, n the values that hold the error (estimate.h),
+ *     variable with n (K - 1) degrees of freedom, n the values that hold the error (estimate.h;
+ *     as all rows so far see it),
  *     and what powers of two do to the error of stratified samplers.
  * Each row is observed as the first plus the third, exactly. Looking ahead, the same steps give for
  * the end of every later round the chance that its estimate meets the target, and the band is made
  * of the rounds whose chances are nearest to 5, 50 and 95 %. Since only whole rounds can be the
  * end, a band reaches half a round beyond its outer ones, where their costs are told.
  *
- * Cost per sample is that of the last half of the samples.
+ * Cost per sample is that of the last half of the samples, give or take what it was measured to
+ * change by on a busy machine.
  *
  * Known limit: where edges hold all of the error it falls as n^-1.5 and ends earlier than the band;
  * light that has not been seen yet makes it end later.

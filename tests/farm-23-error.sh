@@ -77,6 +77,17 @@ ended_by poor budget-core-hours
 python3 -c "import sys; sys.exit(not 0.02 < $(field poor core_seconds) < 0.5)" ||
     fail "0.36 core-seconds became $(field poor core_seconds)"
 
+# A target that nobody reaches: the ledger is there while the job runs, and after it was interrupted
+"$bin/pathfarm" render "$scene" -o "$work/endless.exr" --error 1e-12 --write-every 0.2s \
+    --ledger "$work/endless.csv" --report "$work/endless.json" >"$work/endless.log" 2>&1 &
+job=$!
+wait_for 60 test -s "$work/endless.csv" || fail "no ledger while it runs"
+kill -INT $job
+wait $job && fail "an interrupted job is done"
+[ "$(field endless stopped_by)" = None ] || fail "something stopped endless"
+[ "$(tail -n 1 "$work/endless.csv" | cut -d, -f2)" = "$(field endless spp)" ] ||
+    fail "the ledger does not end where the picture does"
+
 refused() {
     local text=$1
     shift

@@ -335,7 +335,8 @@ static const struct farm_events FARM_EVENTS = { .on_round = on_round,
                                                 .on_end = on_end,
                                                 .say = say };
 
-static struct play *play_open(void)
+/* With all rounds of 256 samples at once, or by other limits. */
+static struct play *play_open_with(const struct limits *limits)
 {
     struct err err;
     struct play *play = calloc(1, sizeof(*play));
@@ -365,13 +366,19 @@ static struct play *play_open(void)
                             .bundle = play->bundle,
                             .film = play->film,
                             .title = "play",
-                            .limits = { .rounds = rounds } };
+                            .limits = limits != NULL ? *limits
+                                                     : (struct limits){ .rounds = rounds } };
     play->farm = farm_open(&play->loop, &settings, &job, &FARM_EVENTS, play, &err);
     assert_non_null(play->farm);
     uv_timer_init(&play->loop, &play->too_long);
     play->too_long.data = play;
     uv_timer_start(&play->too_long, on_too_long, 20000, 0);
     return play;
+}
+
+static struct play *play_open(void)
+{
+    return play_open_with(NULL);
 }
 
 static struct worker *enter(struct play *play, enum manner manner)
@@ -548,6 +555,58 @@ static void three_workers_that_cannot_render_fail_the_job(void **state)
     play_close(play);
 }
 
+/* Every sample is the same, so the first round meets any target, whatever has come since. */
+static void a_job_by_error_ends_with_the_round_that_meets_it(void **state)
+{
+    (void)state;
+    const struct limits limits = { .rounds = ROUND_COUNT, .relmse = 1e-6 };
+    struct play *play = play_open_with(&limits);
+    for (int i = 0; i < 3; i++)
+        enter(play, HONEST);
+    until_ended(play);
+    assert_int_equal(play->why.code, ERR_OK);
+    struct farm_status status = farm_status(play->farm);
+    assert_int_equal(status.stopped_by, LIMIT_ERROR);
+    assert_true(status.done == 1 && status.seconds_left == 0);
+    size_t rows;
+    const struct ledger_row *ledger = farm_ledger(play->farm, &rows);
+    assert_int_equal(rows, 1);
+    assert_int_equal(ledger[0].spp, 16);
+    /* Of 0.25 for each node: what is in the picture, and not what came too early */
+    assert_true(ledger[0].core_s == 0.25 * 6 * 4);
+    assert_true(status.core_s >= ledger[0].core_s);
+    assert_int_equal(film_spp(play->film), 16);
+    play_close(play);
+}
+
+static void a_budget_is_not_exceeded_and_almost_used(void **state)
+{
+    (void)state;
+    /* A node costs 0.25, whatever its size; the first eight rounds have 24 nodes each */
+    const struct limits limits = { .rounds = ROUND_COUNT, .core_s = 6 * 4.5 };
+    struct play *play = play_open_with(&limits);
+    enter(play, HONEST);
+    until_ended(play);
+    assert_int_equal(play->why.code, ERR_OK);
+    struct farm_status status = farm_status(play->farm);
+    assert_int_equal(status.stopped_by, LIMIT_BUDGET);
+    assert_true(status.core_s == 24);
+    assert_int_equal(film_spp(play->film), 64);
+    play_close(play);
+}
+
+static void of_two_limits_the_first_one_ends_the_job(void **state)
+{
+    (void)state;
+    const struct limits limits = { .rounds = 3, .core_s = 1000 };
+    struct play *play = play_open_with(&limits);
+    enter(play, HONEST);
+    until_ended(play);
+    assert_int_equal(farm_status(play->farm).stopped_by, LIMIT_SPP);
+    assert_int_equal(film_spp(play->film), 48);
+    play_close(play);
+}
+
 static void closing_early_leaves_nothing_behind(void **state)
 {
     (void)state;
@@ -566,6 +625,9 @@ int main(void)
         cmocka_unit_test(the_scene_comes_in_slices_as_often_as_wanted),
         cmocka_unit_test(a_worker_that_returns_offers_its_results_again),
         cmocka_unit_test(three_workers_that_cannot_render_fail_the_job),
+        cmocka_unit_test(a_job_by_error_ends_with_the_round_that_meets_it),
+        cmocka_unit_test(a_budget_is_not_exceeded_and_almost_used),
+        cmocka_unit_test(of_two_limits_the_first_one_ends_the_job),
         cmocka_unit_test(closing_early_leaves_nothing_behind),
     };
     return cmocka_run_group_tests_name("farm", tests, NULL, NULL);
