@@ -365,7 +365,8 @@ static enum accuracy_verdict verdict_of(const struct estimate *estimate,
     if (!(estimate->light > 0))
         return ACCURACY_BLACK;
     double values = 3 * (double)(estimate->pixels - estimate->empty_pixels);
-    if (estimate->replicates == 2 && estimate->relmse.sum > TOO_MUCH_FOR_TWO * values)
+    if (estimate->replicates == 2 && measure == &estimate->relmse &&
+        measure->sum > TOO_MUCH_FOR_TWO * values)
         return ACCURACY_TWO_REPLICATES;
     if (measure->unknown_sum > UNKNOWN_SHARE * measure->sum ||
         (measure == &estimate->relmse && DOUBT * estimate->noisy > DOUBT_MOST * measure->sum))

@@ -12,7 +12,8 @@
  *                                   within Student's t standard errors of the truth, at 95 %
  *   error SPP MSE STDERR RELMSE STDERR    means over the seeds, of the true errors
  *
- * Usage: calibrate SCENE.pbrt SPP[,SPP...] SEEDS [--replicates K] [--side N] [--keep FILE]
+ * Usage: calibrate SCENE.pbrt SPP[,SPP...] SEEDS [--replicates K] [--side N] [--first SEED]
+ *                  [--keep FILE]
  * SPP rises, and the first rounds of a larger one are a smaller one's. FILE keeps what was
  * rendered; if it is there already, nothing is rendered: for who works on the estimator.
  */
@@ -60,6 +61,7 @@ struct calibration {
     struct image *image;
     FILE *kept;
     bool rendering; /* else all is read from `kept` */
+    uint64_t first_seed;
     uint32_t seeds, tiles;
     size_t pixels;
     struct level levels[LEVELS_MAX];
@@ -146,7 +148,7 @@ static bool run_seed(struct calibration *c, uint32_t seed, struct err *err)
         return false;
     /* Numbers alone are made of the seed: nothing else of an opened scene changes with it */
     if (c->rendering)
-        c->ks->spec.seed = seed;
+        c->ks->spec.seed = c->first_seed + seed;
     uint64_t leaf = 0;
     for (unsigned i = 0; i < c->level_count; i++) {
         for (uint64_t end = round_end(c->levels[i].rounds - 1); leaf < end; leaf++)
@@ -232,10 +234,10 @@ static void print_seeds(const struct calibration *c, const struct level *level)
         }
         spread_add(&mse, absolute);
         spread_add(&relmse, relative);
-        printf("seed %" PRIu64 " %u %.5f %s %.9g %.9g %.9g %.9g %s %.9g %.9g %.9g %.9g\n",
-               level->spp, seed, a->unknown_share, verdicts[a->mse_verdict], a->mse, a->mse95.low,
-               a->mse95.high, absolute, verdicts[a->verdict], a->relmse, a->relmse95.low,
-               a->relmse95.high, relative);
+        printf("seed %" PRIu64 " %" PRIu64 " %.5f %s %.9g %.9g %.9g %.9g %s %.9g %.9g %.9g %.9g\n",
+               level->spp, c->first_seed + seed, a->unknown_share, verdicts[a->mse_verdict], a->mse,
+               a->mse95.low, a->mse95.high, absolute, verdicts[a->verdict], a->relmse,
+               a->relmse95.low, a->relmse95.high, relative);
     }
     printf("error %" PRIu64 " %.9g %.3g %.9g %.3g\n", level->spp, mse.mean, spread_stderr(&mse),
            relmse.mean, spread_stderr(&relmse));
@@ -382,9 +384,11 @@ int main(int argc, char **argv)
 {
     static const struct option options[] = { { "replicates", required_argument, NULL, 'k' },
                                              { "side", required_argument, NULL, 's' },
+                                             { "first", required_argument, NULL, 'n' },
                                              { "keep", required_argument, NULL, 'f' },
                                              { 0 } };
     uint32_t replicates = 0, side = 128;
+    uint64_t first_seed = 0;
     const char *keep = NULL;
     int option;
     while ((option = getopt_long(argc, argv, "", options, NULL)) != -1) {
@@ -392,6 +396,8 @@ int main(int argc, char **argv)
             replicates = (uint32_t)strtoul(optarg, NULL, 10);
         else if (option == 's')
             side = (uint32_t)strtoul(optarg, NULL, 10);
+        else if (option == 'n')
+            first_seed = strtoull(optarg, NULL, 10);
         else if (option == 'f')
             keep = optarg;
         else
@@ -399,12 +405,13 @@ int main(int argc, char **argv)
     }
     if (argc - optind != 3) {
         fprintf(stderr, "usage: calibrate SCENE.pbrt SPP[,SPP...] SEEDS [--replicates K] "
-                        "[--side N] [--keep FILE]\n");
+                        "[--side N] [--first SEED] [--keep FILE]\n");
         return 2;
     }
 
     struct err err = { .code = ERR_OK };
-    struct calibration c = { .seeds = (uint32_t)strtoul(argv[optind + 2], NULL, 10) };
+    struct calibration c = { .first_seed = first_seed,
+                             .seeds = (uint32_t)strtoul(argv[optind + 2], NULL, 10) };
     c.scene = pbrt_read(argv[optind], NULL, NULL, &err);
     bool good = c.scene != NULL && pbrt_set_resolution(c.scene, side, side, &err) &&
                 read_levels(&c, argv[optind + 1], replicates, &err) && open_kept(&c, keep, &err) &&
