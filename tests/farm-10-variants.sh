@@ -10,8 +10,8 @@ look() {
         fail "$scene: $*"
 }
 
-for scene in "$scenes"/*.pbrt; do
-    name=$(basename "$scene" .pbrt)
+for scene in "$scenes"/*.pbrt "$scenes"/*.gltf; do
+    name=$(basename "${scene%.*}")
     look "$name"
     look "$name-everything" --kernel everything
     look "$name-one-lane" --lanes 1

@@ -7,6 +7,7 @@
 #include "common/sheen.h"
 #include "tests/bsdf_checks.h"
 #include "tests/kernel_scenes.h"
+#include "worker/kernel/textured.h"
 
 #include <setjmp.h>
 #include <stdarg.h>
@@ -47,7 +48,8 @@ enum { ROW_COAT = SHEEN_ROWS, ROW_METAL, ROWS = ROW_METAL + COAT_METAL_ROWS };
 static float tables[ROWS][COAT_TABLE_LEN];
 static struct material materials[MATERIALS];
 static struct subject subjects[MATERIALS];
-static struct scene scene = { .materials = materials,
+static struct scene scene = { .settings = { .effects = (uint32_t)FX_SHEEN },
+                              .materials = materials,
                               .material_count = MATERIALS,
                               .coat_tables = tables[0],
                               .coat_table_count = ROWS };
@@ -340,6 +342,36 @@ static void light_sampling_reaches_fibres_over_a_mirror(void **state)
     }
 }
 
+static void textures_give_colour_and_width_within_bounds(void **state) /* H29 */
+{
+    (void)state;
+    static const float colors[3][3] = { { 0.25f, 1.5f, -1 }, { 0.3f, 0.3f, 0.3f }, { 0, 0, 0 } };
+    const struct texture_point point = { .n = { 0, 0, 1 } };
+    struct err err = { .code = ERR_OK };
+    struct scene *textured = scenes_begin(1, 1);
+    for (int i = 0; i < 3; i++) {
+        struct texture *t = &textured->textures[textured->texture_count++];
+        *t = (struct texture){ .kind = TEXTURE_CONSTANT, .channel = SCENE_NONE };
+        memcpy(t->value[0], colors[i], sizeof(colors[i]));
+    }
+    struct texture_set *set = texture_set_open(textured, &err);
+    assert_non_null(set);
+    struct material m = materials[MATTE];
+    m.texture[SLOT_SHEEN] = 1;
+    m.texture[SLOT_SHEEN_ALPHA] = 2;
+    assert_int_equal(textured_parts(&m), TEXTURED_VALUES);
+    textured_material(set, &point, &m);
+    EXPECT_NEAR(m.sheen[0], 0.25, 0);
+    EXPECT_NEAR(m.sheen[1], 1, 0);
+    EXPECT_NEAR(m.sheen[2], 0, 0);
+    EXPECT_NEAR(m.sheen_alpha, 0.3f, 0);
+    m.texture[SLOT_SHEEN_ALPHA] = 3;
+    textured_material(set, &point, &m);
+    EXPECT_NEAR(m.sheen_alpha, SHEEN_ALPHA_LEAST, 0);
+    texture_set_close(set);
+    scene_free(textured);
+}
+
 /* ---- every check of a BSDF */
 
 static const struct {
@@ -441,6 +473,7 @@ int main(void)
         cmocka_unit_test(a_mirror_and_white_fibres_return_all_the_light),
         cmocka_unit_test(nothing_returns_more_than_it_gets),
         cmocka_unit_test(no_colour_is_no_sheen),
+        cmocka_unit_test(textures_give_colour_and_width_within_bounds),
         cmocka_unit_test(light_sampling_reaches_fibres_over_a_mirror),
         cmocka_unit_test(directions_are_distributed_as_their_density_says),
         cmocka_unit_test(weights_values_and_densities_agree),

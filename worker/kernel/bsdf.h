@@ -38,7 +38,7 @@ struct bsdf8 {
     const float *coat_tables;
     i8 id;                     /* material of each lane, valid for every lane */
     i8 kind;                   /* enum material_kind */
-    i8 sheen;                  /* lanes that have one; with FX_SHEEN */
+    unsigned sheen;            /* lanes that have one, as bits; with FX_SHEEN */
     struct vec3x8 reflectance; /* of the diffuse part */
 };
 
@@ -68,9 +68,9 @@ LANE_FN struct bsdf8 bsdf_of_materials(const struct scene *scene, const struct m
                            FX_COATED_CONDUCTOR | FX_TEXTURE;
     b.kind = fx & other ? GATHER_I(materials, struct material, kind, id) : I8(MATERIAL_DIFFUSE);
     b.reflectance = GATHER3(materials, struct material, reflectance, id);
-    b.sheen = I8(0);
-    if (fx & FX_SHEEN)
-        b.sheen = (GATHER_I(materials, struct material, flags, id) & MATERIAL_SHEEN) != 0;
+    b.sheen = 0;
+    if ((fx & FX_SHEEN) && (scene->settings.effects & FX_SHEEN))
+        b.sheen = i8_bits((GATHER_I(materials, struct material, flags, id) & MATERIAL_SHEEN) != 0);
     return b;
 }
 
@@ -135,8 +135,8 @@ LANE_FN i8 bsdf_all_delta(const struct bsdf8 *b, unsigned fx)
         }
         all |= smooth;
     }
-    if (fx & FX_SHEEN)
-        all &= ~b->sheen;
+    if ((fx & FX_SHEEN) && b->sheen != 0)
+        all &= ~i8_from_bits(b->sheen);
     return all;
 }
 
@@ -987,6 +987,12 @@ SHEEN_FN void bsdf_sample_sheen(const struct bsdf8 *b, enum transport_mode mode,
 
 /* ---- a surface and what lies over it */
 
+/* Told to be seldom, so that the calls behind it do not cost others their registers */
+LANE_FN int bsdf_has_sheen(const struct bsdf8 *b, unsigned fx)
+{
+    return (fx & FX_SHEEN) && __builtin_expect_with_probability(b->sheen != 0, 0, 0.9999);
+}
+
 /*
  * f cos and both densities for given directions, delta lobes excluded. wo.z != 0 in valid lanes;
  * lanes outside `valid` give zero.
@@ -995,12 +1001,12 @@ LANE_FN struct bsdf_eval8 bsdf_eval(const struct bsdf8 *b, unsigned fx, enum tra
                                     i8 valid, struct vec3x8 wo, struct vec3x8 wi)
 {
     struct bsdf_eval8 out = bsdf_eval_below(b, fx, mode, valid, wo, wi);
-    if ((fx & FX_SHEEN) && __builtin_expect(i8_any(b->sheen & valid), 0)) {
+    if (bsdf_has_sheen(b, fx)) {
         /* Copies: what has its address taken is in memory for good */
         const struct bsdf8 surface = *b;
         const struct vec3x8 o = wo, i = wi;
         struct bsdf_eval8 all = out;
-        bsdf_eval_sheen(&surface, b->sheen & valid, &o, &i, &all);
+        bsdf_eval_sheen(&surface, i8_from_bits(b->sheen) & valid, &o, &i, &all);
         out = all;
     }
     return out;
@@ -1015,17 +1021,15 @@ LANE_FN struct bsdf_sample8 bsdf_sample(const struct bsdf8 *b, unsigned fx,
                                         f8 lobe, f8 u, f8 v)
 {
     i8 over = I8(0), chosen = I8(0);
-    if (fx & FX_SHEEN) {
-        over = b->sheen & valid & (wo.z != 0);
-        if (__builtin_expect(i8_any(over), 0)) {
-            const struct bsdf8 surface = *b;
-            f8 rest = lobe;
-            chosen = bsdf_choose_sheen(&surface, over, f8_abs(wo.z), &rest);
-            lobe = rest;
-        }
+    if (bsdf_has_sheen(b, fx)) {
+        const struct bsdf8 surface = *b;
+        f8 rest = lobe;
+        over = i8_from_bits(b->sheen) & valid & (wo.z != 0);
+        chosen = bsdf_choose_sheen(&surface, over, f8_abs(wo.z), &rest);
+        lobe = rest;
     }
     struct bsdf_sample8 out = bsdf_sample_below(b, fx, mode, valid, wo, lobe, u, v);
-    if ((fx & FX_SHEEN) && __builtin_expect(i8_any(over), 0)) {
+    if (bsdf_has_sheen(b, fx)) {
         const struct bsdf8 surface = *b;
         const struct vec3x8 o = wo;
         struct bsdf_sample8 all = out;

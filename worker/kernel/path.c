@@ -694,8 +694,8 @@ path_radiance(const struct kernel_scene *ks, struct kernel_thread *thread, uint3
             go &= ~unlit;
         }
         i8 black = (bsdf.kind == MATERIAL_DIFFUSE) & (vec3x8_max(bsdf.reflectance) <= 0);
-        if (fx & FX_SHEEN)
-            black &= ~bsdf.sheen;
+        if ((fx & FX_SHEEN) && bsdf.sheen != 0)
+            black &= ~i8_from_bits(bsdf.sheen);
         go &= ~black;
         if (media)
             go |= volume;
