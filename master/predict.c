@@ -20,7 +20,7 @@ static const struct habits RANDOM = { .slope = 1, .spread = 0.01, .later = 1 };
 /* Of all others, measured on small renders of a dozen scenes; tests/prediction checks what follows.
  * Powers of two fill strata, which makes bumps; edges and smooth parts, whose errors fall faster,
  * have their share in the first rows. */
-static const struct habits STRATIFIED = { 1.1, 0.08, 1.06, 0.04, 0.05 };
+static const struct habits STRATIFIED = { 1.1, 0.08, 1.06, 0.04, 0.04 };
 
 #define GOES_LATER 0.4 /* of the way that is left, per factor e in samples */
 
