@@ -7,6 +7,7 @@
 #include "master/page.h"
 #include "master/plot.h"
 
+#include <assert.h>
 #include <inttypes.h>
 #include <math.h>
 #include <stdio.h>
@@ -21,7 +22,9 @@ static const char *const NAMES[] = {
 #undef X
 };
 
-#define SAMPLERS LECTURE_POINTS_SLIDE_HALTON /* the slide's own come last */
+#define MOST_POINTS 4096                        /* of which a discrepancy is measured */
+#define MOST_RAYS   64                          /* per pixel */
+#define SAMPLERS    LECTURE_POINTS_SLIDE_HALTON /* the slide's own come last */
 
 /* ---- the sets */
 
@@ -200,9 +203,7 @@ static void write_scatter(struct lecture *lecture, enum lecture_points kind)
 static void measure(struct lecture *lecture, enum lecture_points kind, uint32_t most,
                     struct lecture_rate *star, struct lecture_rate *l2)
 {
-    double(*points)[2] = malloc(most * sizeof(*points));
-    if (points == NULL)
-        return;
+    static double points[MOST_POINTS][2];
     for (uint32_t n = 4; n <= most; n *= 4) {
         unsigned runs = kind >= SAMPLERS ? 1 : lecture->quick ? 4 : 16;
         double squares[2] = { 0, 0 };
@@ -218,15 +219,14 @@ static void measure(struct lecture *lecture, enum lecture_points kind, uint32_t 
         lecture_rate_note(star, n, sqrt(squares[0] / runs), relative);
         lecture_rate_note(l2, n, sqrt(squares[1] / runs), relative);
     }
-    free(points);
 }
 
 static void write_discrepancy(struct lecture *lecture)
 {
     struct page *page = lecture->page;
     struct lecture_rate star[LECTURE_POINTS_COUNT] = { 0 }, l2[LECTURE_POINTS_COUNT] = { 0 };
-    struct plot_series series[LECTURE_POINTS_COUNT + 1];
-    uint32_t most = lecture->quick ? 256 : 4096;
+    struct plot_series series[LECTURE_POINTS_COUNT];
+    uint32_t most = lecture->quick ? 256 : MOST_POINTS;
     page_heading(page, "Discrepancy against the number of points");
     for (int kind = 0; kind < LECTURE_POINTS_COUNT; kind++) {
         measure(lecture, kind, most, &star[kind], &l2[kind]);
@@ -236,7 +236,7 @@ static void write_discrepancy(struct lecture *lecture)
             l2[kind].rmse,  NULL
         };
     }
-    series[SAMPLERS + 1].style = PLOT_LINE | PLOT_GREY;
+    series[LECTURE_POINTS_SLIDE_HAMMERSLEY].style = PLOT_LINE | PLOT_GREY;
     page_plot(page,
               &(struct plot){ .title = "L2 star discrepancy",
                               .x = { .label = "points N", .log = true },
@@ -252,8 +252,6 @@ static void write_discrepancy(struct lecture *lecture)
     page_table_begin(page, "Slopes are fitted from N = 16 on.", headings);
     for (int kind = 0; kind < LECTURE_POINTS_COUNT; kind++) {
         size_t last = star[kind].count - 1;
-        if (star[kind].count == 0)
-            continue;
         page_row(page, "%s\t%.5f\t%.5f\t%s\t%.6f\t%s", NAMES[kind], star[kind].rmse[3],
                  star[kind].rmse[last], lecture_slope_text(lecture_rate_fit(&star[kind], 16)),
                  l2[kind].rmse[last], lecture_slope_text(lecture_rate_fit(&l2[kind], 16)));
@@ -294,15 +292,15 @@ static const struct caster_object *table_scene(unsigned *count)
     return OBJECTS;
 }
 
-/* Direct light only: four numbers per sample, of two sets: the place in the pixel, and on the light
- */
+/* Direct light only. Each ray takes two points: a place in the pixel, and one on the light. */
 static void expose(struct caster_film *film, const struct caster_scene *scene,
                    enum lecture_points kind, uint32_t samples, uint64_t seed)
 {
     const struct caster_how how = { .light_sampling = true, .max_depth = 1 };
-    double(*points)[2] = malloc(2 * samples * sizeof(*points));
+    double points[2 * MOST_RAYS][2];
     struct caster_counts counts = { 0 };
-    for (unsigned y = 0; points != NULL && y < film->height; y++)
+    assert(samples <= MOST_RAYS);
+    for (unsigned y = 0; film->sums != NULL && y < film->height; y++)
         for (unsigned x = 0; x < film->width; x++) {
             uint64_t pixel = (uint64_t)y * film->width + x;
             double(*on_light)[2] = points + samples;
@@ -320,7 +318,6 @@ static void expose(struct caster_film *film, const struct caster_scene *scene,
             }
         }
     film->samples += samples;
-    free(points);
 }
 
 static void write_rendering(struct lecture *lecture)
@@ -344,18 +341,19 @@ static void write_rendering(struct lecture *lecture)
               SHOWN);
     page_grid_begin(page, 150);
     for (int kind = 0; kind < SAMPLERS; kind++) {
-        for (uint32_t n = 1; n <= (lecture->quick ? 16u : 64u); n *= 4) {
+        for (uint32_t n = 1; n <= (lecture->quick ? 16u : MOST_RAYS); n *= 4) {
             struct caster_film film[2] = { lecture_caster_film(size, size),
                                            lecture_caster_film(size, size) };
-            for (uint64_t i = 0; i < 2 && film[0].sums != NULL && film[1].sums != NULL; i++)
+            for (uint64_t i = 0; i < 2; i++)
                 expose(&film[i], &scene, kind, n, hash64_4(lecture->seed, PICTURE, n, i));
             double rmse = lecture_caster_rmse(&film[0], &film[1]);
             /* Pixels are independent, but few of them have most of the error */
             lecture_rate_note(&rates[kind], n, rmse, 3.0 / size);
-            struct image *image = n == SHOWN ? lecture_caster_image(&film[0]) : NULL;
-            if (image != NULL)
-                page_picture(page, image, "%s, %d rays: error %.4f", NAMES[kind], SHOWN, rmse);
-            image_free(image);
+            if (n == SHOWN) {
+                struct image *image = lecture_caster_image(&film[0]);
+                page_picture(page, image, "%s, %d rays: error %.3g", NAMES[kind], SHOWN, rmse);
+                image_free(image);
+            }
             lecture_caster_film_free(&film[0]);
             lecture_caster_film_free(&film[1]);
         }

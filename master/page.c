@@ -289,6 +289,10 @@ static void write_base64(FILE *out, const uint8_t *bytes, size_t size)
 void page_picture(struct page *page, const struct image *image, const char *format, ...)
 {
     FILE *out = page->body.file;
+    if (image == NULL) {
+        fail_memory(page);
+        return;
+    }
     char *caption = NULL;
     if (format != NULL) {
         va_list arguments;

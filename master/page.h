@@ -52,7 +52,8 @@ void page_grid_begin(struct page *page, unsigned width);
 void page_grid_end(struct page *page);
 
 void page_plot(struct page *page, const struct plot *plot, const char *caption);
-/* Channels R, G and B, linear, as png.h shows them; enlarged pixels stay square. */
+/* Channels R, G and B, linear, as png.h shows them; enlarged pixels stay square. NULL, a picture
+ * that found no memory, is a failure. */
 void page_picture(struct page *page, const struct image *image, const char *format, ...)
     PAGE_FORMAT(3);
 
