@@ -77,7 +77,7 @@ static struct progress_state progress_of(struct render *r)
     }
     size_t rows;
     const struct ledger_row *ledger = farm_ledger(r->farm, &rows);
-    bool known = rows > 0 && ledger[rows - 1].accuracy.verdict == ACCURACY_KNOWN;
+    bool known = rows > 0 && ledger[rows - 1].accuracy.mse_verdict == ACCURACY_KNOWN;
     return (struct progress_state){
         .done = status.done,
         .spp = film_spp(r->film),
