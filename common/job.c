@@ -38,19 +38,30 @@ struct tile_rect tile_rect(const struct scene *scene, uint32_t tile)
     return rect;
 }
 
+uint32_t job_sequences(const struct job_spec *spec)
+{
+    return spec->pilot_rounds == 0 ? spec->replicates : 2 * spec->replicates;
+}
+
+double job_pilot_weight(const struct job_spec *spec)
+{
+    return spec->pilot_weight / 65536.0;
+}
+
 unsigned job_rounds(const struct job_spec *spec, uint64_t spp)
 {
     const uint64_t most = (uint64_t)1 << NODE_LEVEL_MAX;
     uint64_t samples_per_leaf = (uint64_t)spec->replicates * spec->leaf_samples;
     uint64_t leaves = spp / samples_per_leaf + (spp % samples_per_leaf != 0);
-    return round_reaching(leaves < most ? leaves : most) + 1;
+    return spec->pilot_rounds + round_reaching(leaves < most ? leaves : most) + 1;
 }
 
 uint64_t job_samples(const struct job_spec *spec, unsigned rounds)
 {
-    if (rounds == 0)
+    if (rounds <= spec->pilot_rounds)
         return 0;
-    return (uint64_t)spec->replicates * spec->leaf_samples * round_end(rounds - 1);
+    return (uint64_t)spec->replicates * spec->leaf_samples *
+           round_end(rounds - spec->pilot_rounds - 1);
 }
 
 uint64_t job_shape(uint64_t spp, uint32_t replicates, struct job_spec *spec)
@@ -77,6 +88,19 @@ uint64_t job_shape_in_fours(uint64_t spp, uint32_t replicates, struct job_spec *
     spec->replicates = (uint32_t)k;
     spec->leaf_samples = 4;
     return job_samples(spec, job_rounds(spec, spp));
+}
+
+bool job_shape_pilot(uint64_t spp, struct job_spec *spec)
+{
+    uint64_t of_leaf = (uint64_t)spec->replicates * spec->leaf_samples, leaves = 1;
+    if (spec->replicates < 2 || (spp != 0 && spp / 16 < of_leaf))
+        return false;
+    while (leaves < (uint64_t)1 << 20 && 2 * leaves * of_leaf <= spp / 16)
+        leaves *= 2;
+    spec->pilot_rounds = round_reaching(leaves) + 1;
+    uint64_t samples = leaves * of_leaf;
+    spec->pilot_weight = spp == 0 ? 0 : (uint32_t)((samples << 14) / (spp + samples));
+    return true;
 }
 
 /* Mitchell's outer piece is (2 - x)^2 ((B/6 + C)(2 - x) - C): negative near 2 for any C > 0. */

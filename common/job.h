@@ -24,7 +24,9 @@ struct job_spec {
     uint32_t kernel;        /* 0: chosen by the effect mask; 1: "everything" */
     uint32_t max_lanes;     /* active lanes, 1..8; 8 except in tests */
     uint32_t aovs;          /* layers besides radiance, a bit each: common/aov.h */
-    uint32_t reserved[4];   /* zero */
+    uint32_t reserved[2];   /* zero */
+    uint32_t pilot_rounds;  /* of K sequences more that only plan (master/tile_plan.h); 0: none */
+    uint32_t pilot_weight;  /* of their mean in the picture, in 65536ths: fixed beforehand */
 };
 
 /* Tiles cover the crop window row by row; those at the right and bottom edges are cut. */
@@ -49,7 +51,21 @@ uint64_t job_shape(uint64_t spp, uint32_t replicates, struct job_spec *spec);
 uint64_t job_shape_in_fours(uint64_t spp, uint32_t replicates, struct job_spec *spec);
 bool job_in_fours(const struct filter_spec *filter);
 
-/* Rounds that reach `spp` samples per pixel with the K and B a job has, and the spp after them. */
+/* Sample sequences of the job: its K replicates and, with a pilot, as many for that. */
+uint32_t job_sequences(const struct job_spec *spec);
+double job_pilot_weight(const struct job_spec *spec);
+
+/*
+ * Give a shaped job of `spp` samples per pixel a pilot: a power of two leaves of each sequence
+ * more, a sixteenth of the samples at most. What they show is in the picture with a quarter of
+ * their share of the samples: short sequences are worse than their share of a long one. spp 0, when
+ * nobody knows how many there will be: one leaf of weight 0. False, and no pilot, when the least
+ * one would be more than a sixteenth, or a single replicate could not tell the error.
+ */
+bool job_shape_pilot(uint64_t spp, struct job_spec *spec);
+
+/* Rounds that reach `spp` samples per pixel with the K and B a job has, and the spp after them: of
+ * tiles with a factor of 1, and without the pilot's, where there is one. */
 unsigned job_rounds(const struct job_spec *spec, uint64_t spp);
 uint64_t job_samples(const struct job_spec *spec, unsigned rounds);
 

@@ -505,7 +505,8 @@ int cmd_render(int argc, char **argv)
     r->bundle = bundle_from_scene(r->setup.scene, &r->setup.spec, &err);
     if (r->bundle == NULL)
         goto fail;
-    unsigned rounds = limits_are_open(&r->setup.limits) ? 1 : r->setup.limits.rounds;
+    unsigned rounds = limits_are_open(&r->setup.limits) ? r->setup.spec.pilot_rounds + 1
+                                                        : r->setup.limits.rounds;
     r->film = film_new(r->setup.scene, &r->setup.spec, rounds, memory_bytes() / 4 * 3, &err);
     if (r->film == NULL)
         goto fail;

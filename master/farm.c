@@ -6,6 +6,7 @@
 #include "master/film.h"
 #include "master/intake.h"
 #include "master/peers.h"
+#include "master/tile_plan.h"
 
 #include <math.h>
 #include <stdarg.h>
@@ -82,6 +83,30 @@ static double seconds_since(const struct farm *farm, uint64_t then_ms)
     return (double)(uv_now(farm->loop) - then_ms) / 1000;
 }
 
+/* Rounds to begin with, once they are planned. */
+static unsigned first_rounds(const struct farm_job *job)
+{
+    return limits_are_open(&job->limits) ? job->spec->pilot_rounds + 1 : job->limits.rounds;
+}
+
+/* The pilot is in: plan the rest, and let it be rendered. */
+static void plan_tiles(struct farm *farm)
+{
+    struct err err;
+    const struct tile_plan *plan = film_plan(farm->job.film);
+    unsigned rounds = farm->job.limits.rounds;
+    if (!film_make_plan(farm->job.film, rounds < ROUND_COUNT ? rounds : 0, &err)) {
+        farm_end(farm, &err);
+        return;
+    }
+    farm_say(farm,
+             "adaptive: %u of %u tiles get twice the samples or more, %u half of them or less; "
+             "predicted gain %.2f",
+             tile_plan_count_from(plan, 1), plan->tiles, tile_plan_count_to(plan, -1),
+             plan->predicted_gain);
+    scheduler_allow_rounds(farm->scheduler, first_rounds(&farm->job));
+}
+
 static void on_round(void *owner, unsigned round)
 {
     struct farm *farm = owner;
@@ -90,6 +115,11 @@ static void on_round(void *owner, unsigned round)
     if (!intake_end_round(farm->intake, seconds_since(farm, farm->opened_ms),
                           spending_until(&farm->spending, round + 1), &err)) {
         farm_end(farm, &err);
+        return;
+    }
+    if (!film_has_picture(farm->job.film)) {
+        if (round + 1 == film_plan(farm->job.film)->pilot_rounds)
+            plan_tiles(farm);
         return;
     }
     if (!farm->ended && farm->events.on_round != NULL)
@@ -109,7 +139,7 @@ static double core_s_left(const struct farm *farm, unsigned rounds)
     const struct scheduler_settings *s = &farm->settings.schedule;
     double leaves = (double)pieces_leaves_done(scheduler_pieces(farm->scheduler));
     return spending_left(&farm->spending, scheduler_sealed(farm->scheduler), rounds,
-                         leaves / ((double)s->tiles * s->replicates));
+                         leaves / ((double)s->tiles * farm->job.spec->replicates));
 }
 
 /* Would the picture of the allowed rounds be one too few? Ahead of the verdict on it only where
@@ -134,7 +164,7 @@ static enum limit consider_another_round(struct farm *farm)
     unsigned rounds = pieces_allowed(pieces) + 1;
     if (!limits_are_open(&farm->job.limits))
         return LIMIT_SPP;
-    if (farm->ended ||
+    if (farm->ended || !film_plan(farm->job.film)->made ||
         scheduler_seconds_unleased(farm->scheduler) >
             2e-3 * farm->settings.schedule.lease_target_ms ||
         !wants_another_round(farm, rounds - 1))
@@ -242,7 +272,8 @@ struct farm *farm_open(uv_loop_t *loop, const struct farm_settings *settings,
     farm->loop = loop;
     farm->settings = *settings;
     farm->settings.schedule.tiles = tile_count(job->scene);
-    farm->settings.schedule.replicates = job->spec->replicates;
+    farm->settings.schedule.replicates = job_sequences(job->spec);
+    farm->settings.schedule.plan = film_plan(job->film);
     farm->job = *job;
     farm->events = *events;
     farm->owner = owner;
@@ -250,6 +281,7 @@ struct farm *farm_open(uv_loop_t *loop, const struct farm_settings *settings,
     farm->next_worker_id = 1;
     farm->opened_ms = farm->tick_ms = uv_now(loop);
     spending_begin(&farm->spending, farm->opened_ms);
+    farm->spending.pilot_rounds = job->spec->pilot_rounds;
     TAILQ_INIT(&farm->peers);
 
     err_set(err, ERR_MEMORY, "no memory for a farm");
@@ -266,7 +298,8 @@ struct farm *farm_open(uv_loop_t *loop, const struct farm_settings *settings,
         goto fail_doors;
 
     err_clear(err);
-    scheduler_allow_rounds(farm->scheduler, limits_are_open(&job->limits) ? 1 : job->limits.rounds);
+    unsigned pilot = job->spec->pilot_rounds; /* what comes after it is not planned yet */
+    scheduler_allow_rounds(farm->scheduler, pilot > 0 ? pilot : first_rounds(job));
     uv_timer_init(loop, &farm->tick);
     uv_check_init(loop, &farm->after_io);
     farm->tick.data = farm->after_io.data = farm;
@@ -340,9 +373,8 @@ static void foresee(const struct farm *farm, struct farm_status *status)
     }
     status->done = -1;
     if (limits->rounds < ROUND_COUNT) {
-        double pairs = (double)farm->settings.schedule.tiles * farm->settings.schedule.replicates;
         status->done = (double)pieces_leaves_done(pieces) /
-                       (pairs * (double)round_end(limits->rounds - 1));
+                       (double)pieces_leaves(pieces, limits->rounds);
         left_s = scheduler_seconds_left(farm->scheduler, limits->rounds);
     }
     size_t count;

@@ -6,6 +6,7 @@
 #include "master/estimate.h"
 #include "master/image.h"
 #include "master/layers.h"
+#include "master/tile_plan.h"
 
 #include <assert.h>
 #include <inttypes.h>
@@ -30,21 +31,23 @@ struct pair {
 };
 
 struct film {
-    uint32_t tiles, replicates, leaf_samples, channels;
+    struct tile_plan plan;
+    uint32_t tiles, replicates, sequences, leaf_samples, channels;
     struct tile_rect *rects;
     struct tile_rect crop;
     uint32_t full_width, full_height;
     unsigned rounds_wanted, rounds_complete;
-    uint32_t sealed[ROUND_COUNT]; /* pairs that sealed round r */
+    uint64_t sealed[ROUND_COUNT]; /* own rounds of pairs that belong to round r */
+    uint64_t units;               /* of them in the next round to complete */
     size_t held;
-    struct pair *pairs;    /* tile * replicates + replicate */
+    struct pair *pairs;    /* tile * sequences + replicate; from K on they are the pilot's */
     struct layers *layers; /* NULL: radiance alone */
 };
 
 static struct pair *pair_of(const struct film *film, uint32_t tile, uint32_t replicate)
 {
-    assert(tile < film->tiles && replicate < film->replicates);
-    return &film->pairs[(size_t)tile * film->replicates + replicate];
+    assert(tile < film->tiles && replicate < film->sequences);
+    return &film->pairs[(size_t)tile * film->sequences + replicate];
 }
 
 static uint32_t pixels_of(const struct tile_rect *rect)
@@ -59,7 +62,7 @@ uint64_t film_memory_bytes(const struct scene *scene, const struct job_spec *spe
     for (uint32_t tile = 0; tile < tiles; tile++) {
         struct tile_rect rect = tile_rect(scene, tile);
         uint64_t sums = node_sums_size(pixels_of(&rect), spec->channel_count);
-        bytes += spec->replicates * (sizeof(struct pair) + SUMS_AT_ROUND_END * sums);
+        bytes += job_sequences(spec) * (sizeof(struct pair) + SUMS_AT_ROUND_END * sums);
     }
     return bytes;
 }
@@ -96,8 +99,9 @@ struct film *film_new(const struct scene *scene, const struct job_spec *spec, un
     if (limit_bytes != 0 && needed > limit_bytes) {
         err_set(err, ERR_LIMIT,
                 "the film of this job needs %.0f MB and may have %.0f: a smaller crop window or "
-                "fewer replicates (now %" PRIu32 ") need less",
-                (double)needed / 1e6, (double)limit_bytes / 1e6, spec->replicates);
+                "fewer replicates (now %" PRIu32 "%s) need less",
+                (double)needed / 1e6, (double)limit_bytes / 1e6, spec->replicates,
+                spec->pilot_rounds == 0 ? "" : ", and as many for the pilot");
         return NULL;
     }
 
@@ -107,6 +111,7 @@ struct film *film_new(const struct scene *scene, const struct job_spec *spec, un
     const struct scene_settings *settings = &scene->settings;
     film->tiles = tile_count(scene);
     film->replicates = spec->replicates;
+    film->sequences = job_sequences(spec);
     film->leaf_samples = spec->leaf_samples;
     film->channels = spec->channel_count;
     film->full_width = settings->width;
@@ -117,12 +122,15 @@ struct film *film_new(const struct scene *scene, const struct job_spec *spec, un
         .width = settings->crop[1] - settings->crop[0],
         .height = settings->crop[3] - settings->crop[2],
     };
+    if (!tile_plan_open(&film->plan, scene, spec))
+        goto fail_rects;
+    film->units = tile_plan_units(&film->plan, 0);
     film->rects = calloc(film->tiles, sizeof(*film->rects));
     if (film->rects == NULL)
         goto fail_rects;
     for (uint32_t tile = 0; tile < film->tiles; tile++)
         film->rects[tile] = tile_rect(scene, tile);
-    film->pairs = calloc((size_t)film->tiles * film->replicates, sizeof(*film->pairs));
+    film->pairs = calloc((size_t)film->tiles * film->sequences, sizeof(*film->pairs));
     if (film->pairs == NULL)
         goto fail_pairs;
     if (spec->aovs != 0) {
@@ -138,6 +146,7 @@ fail_layers:
 fail_pairs:
     free(film->rects);
 fail_rects:
+    tile_plan_close(&film->plan);
     free(film);
 fail_film:
     err_set(err, ERR_MEMORY, "no memory for the film");
@@ -146,7 +155,11 @@ fail_film:
 
 bool film_take_memory(const struct film *film, unsigned rounds, struct err *err)
 {
-    size_t count = (size_t)film->tiles * film->replicates * (size_t)sums_held_at_most(rounds);
+    /* With a pilot nobody knows yet how far a tile's own rounds go */
+    unsigned pilot = film->plan.pilot_rounds;
+    int sums = pilot == 0 ? sums_held_at_most(rounds)
+                          : sums_held_at_most(ROUND_COUNT) + sums_held_at_most(pilot);
+    size_t count = (size_t)film->tiles * film->replicates * (size_t)sums;
     struct node_sums **taken = calloc(count, sizeof(*taken));
     bool enough = taken != NULL;
     mallopt(M_TRIM_THRESHOLD, -1);
@@ -165,7 +178,7 @@ void film_free(struct film *film)
 {
     if (film == NULL)
         return;
-    for (size_t i = 0; i < (size_t)film->tiles * film->replicates; i++) {
+    for (size_t i = 0; i < (size_t)film->tiles * film->sequences; i++) {
         struct pair *pair = &film->pairs[i];
         sum_stack_clear(&pair->stack);
         for (struct open_round *open = pair->open, *next; open != NULL; open = next) {
@@ -175,6 +188,7 @@ void film_free(struct film *film)
         }
     }
     layers_free(film->layers);
+    tile_plan_close(&film->plan);
     free(film->pairs);
     free(film->rects);
     free(film);
@@ -188,7 +202,7 @@ void film_extend(struct film *film, unsigned rounds)
         film->rounds_wanted = rounds;
 }
 
-/* Where round `round` stands, or would stand, in the pair's list. */
+/* Where its own round `round` stands, or would stand, in the pair's list. */
 static struct open_round **find_open(struct pair *pair, unsigned round)
 {
     struct open_round **link = &pair->open;
@@ -199,10 +213,10 @@ static struct open_round **find_open(struct pair *pair, unsigned round)
 
 enum film_result film_check(const struct film *film, const struct node_id *id)
 {
-    unsigned round;
-    if (id->tile >= film->tiles || id->replicate >= film->replicates ||
-        !round_holding(id->level, id->index, &round) || round >= film->rounds_wanted)
+    unsigned job_round, round = 0;
+    if (!tile_plan_job_round(&film->plan, id, &job_round) || job_round >= film->rounds_wanted)
         return FILM_FOREIGN;
+    round_holding(id->level, id->index, &round); /* the plan knows that it does */
     struct pair *pair = pair_of(film, id->tile, id->replicate);
     if (round < pair->rounds)
         return FILM_DUPLICATE;
@@ -245,8 +259,9 @@ static struct fold *open_fold(struct pair *pair, unsigned round)
 }
 
 /* Move the pair's next round to its stack if all of it is here. */
-static bool seal_next(struct film *film, struct pair *pair)
+static bool seal_next(struct film *film, uint32_t tile, uint32_t replicate)
 {
+    struct pair *pair = pair_of(film, tile, replicate);
     struct open_round *open = pair->open;
     if (open == NULL || open->round != pair->rounds)
         return false;
@@ -257,15 +272,25 @@ static bool seal_next(struct film *film, struct pair *pair)
     uint32_t level;
     uint64_t index;
     round_node(open->round, &level, &index);
+    const struct node_id node = { tile, replicate, level, index };
+    unsigned job_round = 0;
+    tile_plan_job_round(&film->plan, &node, &job_round); /* film_check found one */
     assert(pair->stack.leaves == index << level);
     sum_stack_push(&pair->stack, level, sums);
     film->held--;
     pair->rounds++;
-    film->sealed[open->round]++;
+    film->sealed[job_round]++;
     pair->open = open->next;
     fold_free(open->fold);
     free(open);
     return true;
+}
+
+static void count_complete_rounds(struct film *film)
+{
+    while (film->rounds_complete < film->rounds_wanted &&
+           film->sealed[film->rounds_complete] == film->units)
+        film->units = tile_plan_units(&film->plan, ++film->rounds_complete);
 }
 
 enum film_result film_accept(struct film *film, const struct node_id *id, struct node_sums *sums)
@@ -287,11 +312,9 @@ enum film_result film_accept(struct film *film, const struct node_id *id, struct
         return FILM_NO_MEMORY;
     film->held = film->held - waited + fold_waiting(fold);
 
-    while (seal_next(film, pair))
+    while (seal_next(film, id->tile, id->replicate))
         verdict = FILM_SEALED;
-    uint32_t pairs = film->tiles * film->replicates;
-    while (film->rounds_complete < ROUND_COUNT && film->sealed[film->rounds_complete] == pairs)
-        film->rounds_complete++;
+    count_complete_rounds(film);
     return verdict;
 }
 
@@ -323,9 +346,25 @@ bool film_round_complete(const struct film *film, unsigned round)
 
 uint64_t film_spp(const struct film *film)
 {
-    if (film->rounds_complete == 0)
+    if (!film_has_picture(film))
         return 0;
-    return (uint64_t)film->replicates * film->leaf_samples * round_end(film->rounds_complete - 1);
+    uint64_t samples = 0, pixels = 0;
+    for (uint32_t tile = 0; tile < film->tiles; tile++) {
+        unsigned own = tile_plan_pair_rounds(&film->plan, tile, 0, film->rounds_complete);
+        pixels += pixels_of(&film->rects[tile]);
+        samples += pixels_of(&film->rects[tile]) * round_end(own - 1);
+    }
+    return film->replicates * film->leaf_samples * samples / pixels;
+}
+
+bool film_has_picture(const struct film *film)
+{
+    return film->rounds_complete > film->plan.pilot_rounds;
+}
+
+const struct tile_plan *film_plan(const struct film *film)
+{
+    return &film->plan;
 }
 
 size_t film_held(const struct film *film)
@@ -333,15 +372,18 @@ size_t film_held(const struct film *film)
     return film->held;
 }
 
+static void stack_stats(const struct sum_stack *stack, struct node_stats *total)
+{
+    for (unsigned level = 0; level <= NODE_LEVEL_MAX; level++)
+        if (stack->sums[level] != NULL)
+            node_stats_add(total, &stack->sums[level]->stats);
+}
+
 void film_stats(const struct film *film, struct node_stats *total)
 {
     memset(total, 0, sizeof(*total));
-    for (size_t i = 0; i < (size_t)film->tiles * film->replicates; i++) {
-        const struct sum_stack *stack = &film->pairs[i].stack;
-        for (unsigned level = 0; level <= NODE_LEVEL_MAX; level++)
-            if (stack->sums[level] != NULL)
-                node_stats_add(total, &stack->sums[level]->stats);
-    }
+    for (size_t i = 0; i < (size_t)film->tiles * film->sequences; i++)
+        stack_stats(&film->pairs[i].stack, total);
 }
 
 /* What film_image keeps while it goes over the tiles. */
@@ -351,8 +393,46 @@ struct reading {
     uint32_t failed[TILE_PIXELS / 32];
 };
 
-static struct tile_means read_tile(const struct film *film, uint32_t tile, struct reading *reading)
+static bool reading_open(struct reading *reading, const struct film *film)
 {
+    reading->total = node_sums_new(TILE_PIXELS, film->channels);
+    reading->means = malloc(sizeof(double) * 3 * TILE_PIXELS * film->replicates);
+    if (reading->total != NULL && reading->means != NULL)
+        return true;
+    node_sums_free(reading->total);
+    free(reading->means);
+    return false;
+}
+
+static void reading_close(struct reading *reading)
+{
+    node_sums_free(reading->total);
+    free(reading->means);
+}
+
+/* A pilot's sequence joins the means of one main replicate, with the weight that was fixed
+ * beforehand. `largest` stays that of the sample which moves the tile's mean most. */
+static void mix_pilot(const struct film *film, const struct sum_stack *stack, uint64_t samples,
+                      double *means, double *largest, struct reading *reading)
+{
+    struct node_sums *total = reading->total;
+    double weight = film->plan.pilot_weight, rest = 1 - weight;
+    double n = (double)(stack->leaves * film->leaf_samples);
+    sum_stack_total(stack, total);
+    for (uint32_t i = 0; i < 3 * total->pixel_count; i++)
+        means[i] = weight * ((double)total->values[i] / n) + rest * means[i];
+    for (unsigned word = 0; word < TILE_PIXELS / 32; word++)
+        reading->failed[word] |= total->failed[word];
+    double pilots = total->stats.largest * weight * ((double)samples / n);
+    *largest = pilots > *largest * rest ? pilots : *largest * rest;
+}
+
+/* The K sequences of a tile from `first` on: 0, or K for the pilot alone */
+static struct tile_means read_tile(const struct film *film, uint32_t tile, uint32_t first,
+                                   struct reading *reading)
+{
+    bool layers = film->layers != NULL && first == 0;
+    bool mixed = film->plan.pilot_weight > 0 && first == 0;
     const struct tile_rect *rect = &film->rects[tile];
     uint32_t pixels = pixels_of(rect);
     struct tile_means out = { .width = rect->width,
@@ -360,11 +440,11 @@ static struct tile_means read_tile(const struct film *film, uint32_t tile, struc
                               .means = reading->means,
                               .failed = reading->failed };
     memset(reading->failed, 0, sizeof(reading->failed));
-    if (film->layers != NULL)
+    if (layers)
         layers_tile_begin(film->layers, pixels);
 
     for (uint32_t k = 0; k < film->replicates; k++) {
-        const struct sum_stack *stack = &pair_of(film, tile, k)->stack;
+        const struct sum_stack *stack = &pair_of(film, tile, first + k)->stack;
         if (stack->leaves == 0)
             continue;
         struct node_sums *total = reading->total;
@@ -373,21 +453,25 @@ static struct tile_means read_tile(const struct film *film, uint32_t tile, struc
 
         uint64_t samples = stack->leaves * film->leaf_samples;
         double n = (double)samples;
-        if (film->layers != NULL)
+        if (layers)
             layers_tile_add(film->layers, total, samples);
         double *means = reading->means + (size_t)out.replicates * 3 * pixels;
         for (uint32_t i = 0; i < 3 * pixels; i++)
             means[i] = (double)total->values[i] / n;
+        double largest = total->stats.largest;
+        for (unsigned word = 0; word < TILE_PIXELS / 32; word++)
+            reading->failed[word] |= total->failed[word];
+        if (mixed)
+            mix_pilot(film, &pair_of(film, tile, film->replicates + k)->stack, samples, means,
+                      &largest, reading);
         double luminance = 0;
         for (uint32_t p = 0; p < pixels; p++)
             luminance += 0.2126 * means[p] + 0.7152 * means[pixels + p] +
                          0.0722 * means[2 * pixels + p];
 
-        for (unsigned word = 0; word < TILE_PIXELS / 32; word++)
-            reading->failed[word] |= total->failed[word];
-        out.luminance += luminance * n;
-        if (total->stats.largest > out.largest)
-            out.largest = total->stats.largest;
+        out.luminance += luminance * (double)samples;
+        if (largest > out.largest)
+            out.largest = largest;
         out.samples += samples;
         out.replicates++;
     }
@@ -496,17 +580,13 @@ bool film_image(const struct film *film, struct image *image, struct estimate *e
     if (image != NULL && !prepare_image(film, image, planes, err))
         goto fail_image;
     struct reading reading;
-    reading.total = node_sums_new(TILE_PIXELS, film->channels);
-    if (reading.total == NULL)
-        goto fail_total;
-    reading.means = malloc(sizeof(double) * 3 * TILE_PIXELS * film->replicates);
-    if (reading.means == NULL)
-        goto fail_means;
+    if (!reading_open(&reading, film))
+        goto fail_reading;
     if (estimate != NULL && !estimate_begin(estimate, film->replicates))
         goto fail_estimate;
 
     for (uint32_t tile = 0; tile < film->tiles; tile++) {
-        struct tile_means means = read_tile(film, tile, &reading);
+        struct tile_means means = read_tile(film, tile, 0, &reading);
         if (image != NULL)
             write_tile(film, tile, &means, planes);
         if (image != NULL && film->layers != NULL) {
@@ -518,16 +598,53 @@ bool film_image(const struct film *film, struct image *image, struct estimate *e
         if (estimate != NULL)
             estimate_tile(estimate, &means);
     }
-    free(reading.means);
-    node_sums_free(reading.total);
+    reading_close(&reading);
     return true;
 
 fail_estimate:
-    free(reading.means);
-fail_means:
-    node_sums_free(reading.total);
-fail_total:
+    reading_close(&reading);
+fail_reading:
     err_set(err, ERR_MEMORY, "no memory for reading the film");
 fail_image:
     return err_wrap(err, "making the image");
+}
+
+/* What the pilot says about each tile. */
+static void look_at_tile(struct film *film, uint32_t tile, struct reading *reading,
+                         struct estimate *estimate)
+{
+    struct tile_look *look = &film->plan.looks[tile];
+    struct tile_means means = read_tile(film, tile, film->replicates, reading);
+    estimate_tile(estimate, &means);
+    struct accuracy accuracy = estimate_result(estimate);
+    look->pixels = means.width * means.height;
+    look->error = accuracy.relmse * 3 * look->pixels;
+    look->one_sample = accuracy.unknown_share >= 1;
+    struct node_stats stats = { 0 };
+    for (uint32_t k = 0; k < film->replicates; k++)
+        stack_stats(&pair_of(film, tile, film->replicates + k)->stack, &stats);
+    look->work = tile_plan_work(&stats);
+}
+
+bool film_make_plan(struct film *film, unsigned rounds, struct err *err)
+{
+    assert(film->rounds_complete == film->plan.pilot_rounds);
+    bool made = false;
+    struct reading reading;
+    struct estimate *estimate = estimate_new();
+    if (!reading_open(&reading, film))
+        goto fail_reading;
+    for (uint32_t tile = 0; tile < film->tiles; tile++) {
+        if (estimate == NULL || !estimate_begin(estimate, film->replicates))
+            goto fail_estimate;
+        look_at_tile(film, tile, &reading, estimate);
+    }
+    made = tile_plan_make(&film->plan, rounds);
+    film->units = tile_plan_units(&film->plan, film->rounds_complete);
+
+fail_estimate:
+    reading_close(&reading);
+fail_reading:
+    estimate_free(estimate);
+    return made || err_set(err, ERR_MEMORY, "no memory for planning the samples");
 }

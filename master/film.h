@@ -3,10 +3,11 @@
  * of the sealed rounds as a binary counter (common/sumtree.h) and a fold for each round that is
  * still coming in. Which worker sent what, in what order and in what pieces, leaves no trace in it.
  *
- * A pair's round is sealed when every leaf of it arrived and all rounds before it are sealed; later
- * rounds may come in early and wait. At the ends of rounds a pair holds at most four sums, which is
- * what film_memory_bytes counts; sums below open rounds come on top and are the scheduler's to
- * bound (film_held).
+ * Rounds, where nothing else is said, are the job's: master/tile_plan.h says which of its own
+ * rounds a pair finishes in each. A pair's own round is sealed when every leaf of it arrived and
+ * all rounds before it are sealed; later rounds may come in early and wait. At the ends of rounds a
+ * pair holds at most four sums, which is what film_memory_bytes counts; sums below open rounds come
+ * on top and are the scheduler's to bound (film_held).
  *
  * Ownership: the film owns the sums it accepted. Thread: one at a time (the master's event loop).
  */
@@ -24,6 +25,7 @@ struct estimate;
 struct film;
 struct image;
 struct scene;
+struct tile_plan;
 
 /* Bytes a film of this job needs at the end of a round; computed, nothing is allocated. */
 uint64_t film_memory_bytes(const struct scene *scene, const struct job_spec *spec);
@@ -48,6 +50,14 @@ bool film_take_memory(const struct film *film, unsigned rounds, struct err *err)
 /* Extending a job: accept this many rounds from now on. Never below what came in already. */
 void film_extend(struct film *film, unsigned rounds);
 
+/* How the job's samples are distributed. With a pilot, only its nodes are accepted until
+ * film_make_plan, which wants its rounds complete. `rounds`: all of the job, 0 where nobody knows.
+ * False: ERR_MEMORY. */
+const struct tile_plan *film_plan(const struct film *film);
+bool film_make_plan(struct film *film, unsigned rounds, struct err *err);
+/* Has every pixel samples that the picture shows? Not during a pilot. */
+bool film_has_picture(const struct film *film);
+
 enum film_result {
     FILM_ADDED,     /* taken */
     FILM_SEALED,    /* taken, and it completed a round of its pair (or several): film_pair_rounds */
@@ -67,11 +77,12 @@ enum film_result film_check(const struct film *film, const struct node_id *id);
 
 uint32_t film_tiles(const struct film *film);
 uint32_t film_tile_pixels(const struct film *film, uint32_t tile);
-unsigned film_pair_rounds(const struct film *film, uint32_t tile, uint32_t replicate); /* sealed */
+unsigned film_pair_rounds(const struct film *film, uint32_t tile, uint32_t replicate); /* own */
 unsigned film_rounds(const struct film *film); /* sealed by every pair */
 bool film_round_complete(const struct film *film, unsigned round);
-uint64_t film_spp(const struct film *film); /* samples per pixel of film_rounds(), all replicates */
-size_t film_held(const struct film *film);  /* sums waiting below open rounds */
+/* Samples per pixel of film_rounds(), of all replicates: the mean of the layer `samples`. */
+uint64_t film_spp(const struct film *film);
+size_t film_held(const struct film *film); /* sums waiting below open rounds */
 
 /* Counters of everything sealed so far. */
 void film_stats(const struct film *film, struct node_stats *total);
@@ -88,10 +99,12 @@ struct image *film_image_new(const struct film *film);
  *   stderr.R stderr.G stderr.B  standard error of that, from the replicate means (K-1 degrees of
  *                             freedom); +inf, "unknown", below two replicates and where
  *                             non-finite samples were lost
- *   samples                   per pixel, of all replicates
+ *   samples                   per pixel, of all replicates, without a pilot's
  *   A depth.Z ...             the layers of the job (master/layers.h)
- * and its data and display windows set. `estimate` (or NULL) gets the error estimate of the same
- * picture. One pass over the sums. False: ERR_MEMORY, or an image of another size.
+ * and its data and display windows set. With a pilot of weight w, a replicate's mean is that of a
+ * pilot's sequence times w plus that of its own samples times 1 - w, in R, G and B; other layers
+ * are of the main samples alone. `estimate` (or NULL) gets the error estimate of the same picture.
+ * One pass over the sums. False: ERR_MEMORY, or an image of another size.
  */
 bool film_image(const struct film *film, struct image *image, struct estimate *estimate,
                 struct err *err);

@@ -3,6 +3,7 @@
 #include "common/err.h"
 #include "master/film.h"
 #include "master/image.h"
+#include "master/tile_plan.h"
 
 #include <stdlib.h>
 
@@ -131,7 +132,7 @@ bool intake_add(struct intake *in, const struct node_id *node, struct node_sums 
         node_sums_free(sums);
         return true;
     }
-    if (!round_holding(node->level, node->index, &round) || round < in->ended) {
+    if (!tile_plan_job_round(film_plan(in->film), node, &round) || round < in->ended) {
         node_sums_free(sums);
         return err_set(err, ERR_INTERNAL, "a node that no open round has was accepted");
     }
@@ -157,6 +158,8 @@ void intake_stop(struct intake *in)
 
 bool intake_end_round(struct intake *in, double wall_s, double core_s, struct err *err)
 {
+    if (!film_has_picture(in->film))
+        return true;
     struct ledger_row *rows = realloc(in->rows, (in->row_count + 1) * sizeof(*rows));
     if (rows == NULL)
         return err_set(err, ERR_MEMORY, "no memory for the accuracy ledger");

@@ -43,7 +43,8 @@ bool intake_add(struct intake *intake, const struct node_id *node, struct node_s
 /* No further round: the last one that ended was the job's last. For on_round. */
 void intake_stop(struct intake *intake);
 
-/* For on_round: take the picture of the round that ended, and add its row. False: ERR_MEMORY. */
+/* For on_round: take the picture of the round that ended, and add its row, unless it is a pilot's.
+ * False: ERR_MEMORY. */
 bool intake_end_round(struct intake *intake, double wall_s, double core_s, struct err *err);
 /* The picture of the last round that ended, without metadata; NULL before the first. */
 const struct image *intake_picture(const struct intake *intake);

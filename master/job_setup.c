@@ -65,6 +65,24 @@ static bool check_ids(const struct scene *scene, uint32_t aovs, struct err *err)
     return true;
 }
 
+static bool give_pilot(struct job_setup *setup, bool planned, struct err *err)
+{
+    struct job_spec *spec = &setup->spec;
+    if (planned)
+        return err_set(err, ERR_ARGUMENT,
+                       "--adaptive: this sampler must know the samples of every pixel beforehand; "
+                       "use another");
+    if (spec->replicates < 2)
+        return err_set(err, ERR_ARGUMENT,
+                       "--adaptive: the pilot needs two replicates to tell the error");
+    if (!job_shape_pilot(setup->spp_asked, spec))
+        return err_set(err, ERR_ARGUMENT,
+                       "--adaptive pays from %" PRIu64 " samples per pixel on, to which the pilot "
+                       "adds a sixteenth at most: not with %" PRIu64,
+                       16 * (uint64_t)spec->replicates * spec->leaf_samples, setup->spp_asked);
+    return true;
+}
+
 static bool shape(struct job_setup *setup, const struct render_options *o, struct err *err)
 {
     const struct scene_settings *s = &setup->scene->settings;
@@ -96,6 +114,8 @@ static bool shape(struct job_setup *setup, const struct render_options *o, struc
     uint64_t spp = setup->spp_asked == 0 ? 1u << 20 : setup->spp_asked;
     setup->spp = job_in_fours(&s->filter) ? job_shape_in_fours(spp, o->replicates, spec)
                                           : job_shape(spp, o->replicates, spec);
+    if (o->adaptive && !give_pilot(setup, planned, err))
+        return false;
     if (setup->spp_asked == 0)
         setup->spp = 0;
     else

@@ -302,6 +302,7 @@ TEXT_PARSER(ledger, ledger)
 TEXT_PARSER(heat, heat)
 TEXT_PARSER(keys, keys)
 TEXT_PARSER(cache, cache)
+FLAG_PARSER(adaptive, adaptive)
 FLAG_PARSER(no_cache, no_cache)
 FLAG_PARSER(lenient, lenient)
 FLAG_PARSER(quiet, quiet)
@@ -332,6 +333,8 @@ static const struct option {
     { "--time", "T", set_time, "as many rounds as fit into T (90, 90s, 1.5m, 2h)" },
     { "--budget-core-hours", "H", set_budget_core_hours,
       "as many rounds as cost at most H hours of one core; of several limits the first ends it" },
+    { "--adaptive", NULL, set_adaptive,
+      "a pilot decides which tiles get more of the samples, and which fewer" },
     { "--seed", "N", set_seed, "another seed gives an independent picture (0)" },
     { "--sampler", "NAME", set_sampler, "sobol, independent, stratified, halton or hammersley" },
     { "--replicates", "K", set_replicates,

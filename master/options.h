@@ -28,6 +28,7 @@ struct render_options {
     double time_s;  /* 0, here and below: no such limit */
     double relmse;
     double core_hours;
+    bool adaptive; /* samples per tile as a pilot decides */
     uint64_t seed;
     uint32_t workers, threads; /* threads 0: all cores / workers */
     int sampler;               /* enum sampler_kind; -1: the scene's */

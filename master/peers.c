@@ -2,7 +2,9 @@
 
 #include "common/job.h"
 #include "master/dues.h"
+#include "master/film.h"
 #include "master/intake.h"
+#include "master/tile_plan.h"
 #include "proto/bundle.h"
 #include "proto/node_wire.h"
 #include "proto/version.h"
@@ -327,9 +329,7 @@ static bool on_result(struct peer *peer, const void *payload, const struct frame
     struct node_id node = { result->node->tile, result->node->replicate, result->node->level,
                             result->node->index };
     unsigned round;
-    if (node.tile >= farm->settings.schedule.tiles ||
-        node.replicate >= farm->settings.schedule.replicates || node.level > NODE_LEVEL_MAX ||
-        !round_holding(node.level, node.index, &round))
+    if (!tile_plan_job_round(film_plan(farm->job.film), &node, &round))
         return err_set(err, ERR_MESSAGE, "a result for a node that this job does not have");
     struct err why;
     if (!digest_checksum_matches(frame->bulk, frame->bulk_size, result->checksum.data,

@@ -1,6 +1,7 @@
 #include "master/pieces.h"
 
 #include "common/err.h"
+#include "master/tile_plan.h"
 
 #include <assert.h>
 #include <stdlib.h>
@@ -21,14 +22,17 @@ struct round {
 };
 
 struct pieces {
-    uint64_t pairs;
-    uint32_t replicates;
-    uint64_t early_max;
+    const struct tile_plan *plan;
+    uint32_t sequences;
+    uint64_t pairs, early_max;
 
-    unsigned allowed;      /* rounds */
-    unsigned sealed;       /* rounds */
-    unsigned cursor_round; /* the next pair to open */
+    unsigned allowed;        /* rounds */
+    uint64_t leaves_allowed; /* in them */
+    unsigned sealed;         /* rounds */
+    uint64_t units;          /* in the next round to seal */
+    unsigned cursor_round;   /* the next unit to open: its round, its pair, the pair's own round */
     uint64_t cursor_pair;
+    unsigned cursor_own;
     struct round rounds[ROUNDS_AHEAD]; /* round r >= sealed at r % ROUNDS_AHEAD */
 
     struct piece *waiting_first;
@@ -38,13 +42,14 @@ struct pieces {
     uint64_t leaves_handed, leaves_done, open_pairs;
 };
 
-struct pieces *pieces_new(uint32_t tiles, uint32_t replicates, uint64_t early_max)
+struct pieces *pieces_new(const struct tile_plan *plan, uint64_t early_max)
 {
     struct pieces *p = calloc(1, sizeof(*p));
     if (p == NULL)
         return NULL;
-    p->pairs = (uint64_t)tiles * replicates;
-    p->replicates = replicates;
+    p->plan = plan;
+    p->sequences = tile_plan_sequences(plan);
+    p->pairs = (uint64_t)plan->tiles * p->sequences;
     p->early_max = early_max;
     p->bucket_count = 1024;
     p->buckets = calloc(p->bucket_count, sizeof(struct piece *));
@@ -80,12 +85,6 @@ void pieces_free(struct pieces *p)
         round_release_units(&p->rounds[r]);
     free(p->buckets);
     free(p);
-}
-
-void pieces_allow_rounds(struct pieces *p, unsigned rounds)
-{
-    if (rounds > p->allowed)
-        p->allowed = rounds;
 }
 
 /* ---- the table of pieces, by node */
@@ -196,16 +195,37 @@ static struct piece *piece_new(struct unit *unit, const struct node_id *node)
     return piece;
 }
 
+/* Own rounds that a pair has finished after so many of the job's. */
+static unsigned own_rounds(const struct pieces *p, uint64_t pair, unsigned rounds)
+{
+    return tile_plan_pair_rounds(p->plan, (uint32_t)(pair / p->sequences),
+                                 (uint32_t)(pair % p->sequences), rounds);
+}
+
+/* Move the cursor to a unit that may be opened, past pairs that have none in its round. */
+static bool find_unit(struct pieces *p)
+{
+    while (p->cursor_round < p->allowed && p->cursor_round < p->sealed + ROUNDS_AHEAD) {
+        for (; p->cursor_pair < p->pairs; p->cursor_pair++, p->cursor_own = 0) {
+            unsigned before = own_rounds(p, p->cursor_pair, p->cursor_round);
+            p->cursor_own = p->cursor_own < before ? before : p->cursor_own;
+            if (p->cursor_own < own_rounds(p, p->cursor_pair, p->cursor_round + 1))
+                return true;
+        }
+        p->cursor_pair = 0;
+        p->cursor_round++;
+    }
+    return false;
+}
+
 struct piece *pieces_open_next(struct pieces *p, struct err *err)
 {
-    if (p->cursor_round >= p->allowed || p->cursor_round >= p->sealed + ROUNDS_AHEAD)
-        return NULL;
-    if (p->cursor_round > p->sealed && pieces_early(p) >= p->early_max)
+    if (!find_unit(p) || (p->cursor_round > p->sealed && pieces_early(p) >= p->early_max))
         return NULL;
 
-    struct node_id node = { .tile = (uint32_t)(p->cursor_pair / p->replicates),
-                            .replicate = (uint32_t)(p->cursor_pair % p->replicates) };
-    round_node(p->cursor_round, &node.level, &node.index);
+    struct node_id node = { .tile = (uint32_t)(p->cursor_pair / p->sequences),
+                            .replicate = (uint32_t)(p->cursor_pair % p->sequences) };
+    round_node(p->cursor_own, &node.level, &node.index);
     struct unit *unit = calloc(1, sizeof(*unit));
     struct piece *piece = unit == NULL ? NULL : piece_new(unit, &node);
     if (piece == NULL) {
@@ -221,10 +241,7 @@ struct piece *pieces_open_next(struct pieces *p, struct err *err)
     round->units = unit;
     table_add(p, piece);
     waiting_add_first(p, piece);
-    if (++p->cursor_pair == p->pairs) {
-        p->cursor_pair = 0;
-        p->cursor_round++;
-    }
+    p->cursor_own++;
     return piece;
 }
 
@@ -296,6 +313,24 @@ static void seal_round(struct pieces *p)
     }
     round_release_units(&p->rounds[p->sealed % ROUNDS_AHEAD]);
     p->sealed++;
+    p->units = tile_plan_units(p->plan, p->sealed);
+}
+
+static void seal_complete_rounds(struct pieces *p)
+{
+    while (p->sealed < p->allowed && p->rounds[p->sealed % ROUNDS_AHEAD].units_done == p->units)
+        seal_round(p);
+}
+
+void pieces_allow_rounds(struct pieces *p, unsigned rounds)
+{
+    assert(p->plan->made || rounds <= p->plan->pilot_rounds);
+    if (rounds <= p->allowed)
+        return;
+    p->allowed = rounds;
+    p->leaves_allowed = tile_plan_leaves(p->plan, rounds);
+    p->units = tile_plan_units(p->plan, p->sealed); /* it may have been planned since */
+    seal_complete_rounds(p);
 }
 
 void pieces_done(struct pieces *p, struct piece *piece, const uint8_t digest[CHECKSUM_SIZE])
@@ -317,16 +352,16 @@ void pieces_done(struct pieces *p, struct piece *piece, const uint8_t digest[CHE
         if (unit->cut)
             p->open_pairs--;
     }
-    while (p->rounds[p->sealed % ROUNDS_AHEAD].units_done == p->pairs)
-        seal_round(p);
+    seal_complete_rounds(p);
 }
 
 bool pieces_is_sealed(const struct pieces *p, const struct node_id *node)
 {
-    if (p->sealed == 0 || node->replicate >= p->replicates ||
-        node->tile >= p->pairs / p->replicates || node->level > NODE_LEVEL_MAX)
+    if (node->replicate >= p->sequences || node->tile >= p->plan->tiles ||
+        node->level > NODE_LEVEL_MAX)
         return false;
-    return node->index < round_end(p->sealed - 1) >> node->level;
+    unsigned own = tile_plan_pair_rounds(p->plan, node->tile, node->replicate, p->sealed);
+    return own > 0 && node->index < round_end(own - 1) >> node->level;
 }
 
 unsigned pieces_allowed(const struct pieces *p)
@@ -339,9 +374,14 @@ unsigned pieces_sealed(const struct pieces *p)
     return p->sealed;
 }
 
+uint64_t pieces_leaves(const struct pieces *p, unsigned rounds)
+{
+    return tile_plan_leaves(p->plan, rounds);
+}
+
 uint64_t pieces_leaves_unleased(const struct pieces *p)
 {
-    return p->allowed == 0 ? 0 : p->pairs * round_end(p->allowed - 1) - p->leaves_handed;
+    return p->leaves_allowed - p->leaves_handed;
 }
 
 uint64_t pieces_leaves_done(const struct pieces *p)

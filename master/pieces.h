@@ -1,8 +1,9 @@
 /*
- * The work of a job as the scheduler sees it: the rounds that may be rendered, the round node of
- * every (tile, replicate), and the pieces those are cut into. A piece is a node of the sum tree
- * that is rendered as a whole; cutting it makes its two children pieces and forgets the parent,
- * whose sums are refused from then on. Who renders a piece is the scheduler's business.
+ * The work of a job as the scheduler sees it: the rounds that may be rendered, the round nodes of
+ * every (tile, replicate) that they are made of (master/tile_plan.h), and the pieces those are cut
+ * into. A piece is a node of the sum tree that is rendered as a whole; cutting it makes its two
+ * children pieces and forgets the parent, whose sums are refused from then on. Who renders a piece
+ * is the scheduler's business.
  *
  * Pieces are created lazily, round by round and pair by pair, as work is asked for; all pieces of a
  * round live until the round is sealed, because their digests tell a late duplicate from a worker
@@ -20,6 +21,7 @@
 #define ROUNDS_AHEAD     16 /* rounds that may be open beyond the sealed ones */
 
 struct holder;
+struct tile_plan;
 struct unit;
 
 enum piece_state { PIECE_WAITING, PIECE_LEASED, PIECE_DONE };
@@ -41,18 +43,20 @@ struct piece {
 
 struct pieces;
 
-/* `early_max`: pieces of unsealed later rounds that may be done before no new pair is opened.
- * NULL when memory runs out. pieces_free(NULL) does nothing. */
-struct pieces *pieces_new(uint32_t tiles, uint32_t replicates, uint64_t early_max);
+/* `plan` says what a round of the job is made of and must outlive this; `early_max`: pieces of
+ * unsealed later rounds that may be done before no new pair is opened. NULL when memory runs out.
+ * pieces_free(NULL) does nothing. */
+struct pieces *pieces_new(const struct tile_plan *plan, uint64_t early_max);
 void pieces_free(struct pieces *pieces);
 
-/* Rounds 0 .. rounds-1 may be rendered; never fewer than were allowed before. */
+/* Rounds 0 .. rounds-1 may be rendered; never fewer than were allowed before, nor more than are
+ * planned. */
 void pieces_allow_rounds(struct pieces *pieces, unsigned rounds);
 
 /*
  * The waiting pieces, oldest first, and then, where `pieces_open_next` finds one that may be
- * opened, the round node of the next pair, which is then first in the list. NULL: no pair may be
- * opened now (`err` unset), or memory ran out (`err` set).
+ * opened, the next round node of the next pair, which is then first in the list. NULL: no pair may
+ * be opened now (`err` unset), or memory ran out (`err` set).
  */
 struct piece *pieces_waiting(struct pieces *pieces);
 struct piece *pieces_open_next(struct pieces *pieces, struct err *err);
@@ -76,9 +80,10 @@ bool pieces_is_sealed(const struct pieces *pieces, const struct node_id *node);
 
 unsigned pieces_allowed(const struct pieces *pieces);
 unsigned pieces_sealed(const struct pieces *pieces);
-uint64_t pieces_leaves_unleased(const struct pieces *pieces); /* of the allowed rounds */
-uint64_t pieces_leaves_done(const struct pieces *pieces);     /* of all rounds */
-uint64_t pieces_open_pairs(const struct pieces *pieces);      /* round nodes cut and not complete */
+uint64_t pieces_leaves(const struct pieces *pieces, unsigned rounds); /* of so many, all pairs */
+uint64_t pieces_leaves_unleased(const struct pieces *pieces);         /* of the allowed rounds */
+uint64_t pieces_leaves_done(const struct pieces *pieces);             /* of all rounds */
+uint64_t pieces_open_pairs(const struct pieces *pieces); /* round nodes cut and not complete */
 uint64_t pieces_early(const struct pieces *pieces); /* done, but not of the next round to seal */
 
 #endif

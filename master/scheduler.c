@@ -1,5 +1,7 @@
 #include "master/scheduler.h"
 
+#include "master/tile_plan.h"
+
 #include <assert.h>
 #include <math.h>
 #include <stdlib.h>
@@ -41,6 +43,7 @@ struct sched_worker {
 
 struct scheduler {
     struct scheduler_settings settings;
+    struct tile_plan uniform; /* where the settings have no plan */
     struct pieces *pieces;
     struct sched_worker *workers;
     uint32_t worker_count;
@@ -81,7 +84,9 @@ struct scheduler *scheduler_new(const struct scheduler_settings *settings, uint6
     s->order_nodes = calloc(settings->lease_nodes_max, sizeof(*s->order_nodes));
     if (s->order_nodes == NULL)
         goto fail_nodes;
-    s->pieces = pieces_new(settings->tiles, settings->replicates, settings->early_max);
+    s->uniform = tile_plan_uniform(settings->tiles, settings->replicates);
+    s->pieces = pieces_new(settings->plan != NULL ? settings->plan : &s->uniform,
+                           settings->early_max);
     if (s->pieces == NULL)
         goto fail_pieces;
     return s;
@@ -647,8 +652,7 @@ static double seconds_for(const struct scheduler *s, double leaves)
 
 double scheduler_seconds_left(const struct scheduler *s, unsigned rounds)
 {
-    double pairs = (double)s->settings.tiles * s->settings.replicates;
-    double leaves = rounds == 0 ? 0 : pairs * (double)round_end(rounds - 1);
+    double leaves = (double)pieces_leaves(s->pieces, rounds);
     return seconds_for(s, leaves - (double)pieces_leaves_done(s->pieces));
 }
 

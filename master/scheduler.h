@@ -24,6 +24,7 @@
 
 struct scheduler_settings {
     uint32_t tiles, replicates;
+    const struct tile_plan *plan; /* of those; must outlive the scheduler. NULL: no pilot */
     uint32_t lease_target_ms;
     uint32_t leases_per_worker;                  /* in flight at once */
     uint64_t lease_leaves_min, lease_leaves_max; /* whatever the speed; for tests: 1,1 is tiny */
@@ -33,7 +34,7 @@ struct scheduler_settings {
     uint64_t early_max;    /* finished nodes of later rounds, see pieces.h */
 };
 
-/* All the usual values; tiles and replicates are zero. */
+/* All the usual values; tiles and replicates are zero, and there is no pilot. */
 struct scheduler_settings scheduler_defaults(void);
 
 struct scheduler;
@@ -43,7 +44,7 @@ struct sched_worker;
 struct scheduler *scheduler_new(const struct scheduler_settings *settings, uint64_t now_ms);
 void scheduler_free(struct scheduler *s);
 
-/* Rounds 0 .. rounds-1 are to be rendered; never fewer than before. */
+/* Rounds 0 .. rounds-1 are to be rendered; never fewer than before, nor more than are planned. */
 void scheduler_allow_rounds(struct scheduler *s, unsigned rounds);
 
 /*

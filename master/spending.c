@@ -44,15 +44,22 @@ double spending_until(const struct spending *s, unsigned rounds)
     return sum;
 }
 
+/* Leaves of a (tile, replicate) after so many rounds, on average. */
+static double leaves_after(const struct spending *s, unsigned rounds)
+{
+    unsigned pilot = rounds < s->pilot_rounds ? rounds : s->pilot_rounds, rest = rounds - pilot;
+    return (double)((pilot > 0 ? round_end(pilot - 1) : 0) + (rest > 0 ? round_end(rest - 1) : 0));
+}
+
 double spending_left(const struct spending *s, unsigned sealed, unsigned rounds, double leaves_done)
 {
-    double of_leaf = sealed > 0 ? spending_until(s, sealed) / (double)round_end(sealed - 1)
+    double of_leaf = sealed > 0 ? spending_until(s, sealed) / leaves_after(s, sealed)
                                 : spending_until(s, ROUND_COUNT) / leaves_done;
     if (!(of_leaf > 0))
         return INFINITY;
     double left = 0;
     for (unsigned r = sealed; r < rounds; r++) {
-        double leaves = (double)(round_end(r) - (r == 0 ? 0 : round_end(r - 1)));
+        double leaves = leaves_after(s, r + 1) - leaves_after(s, r);
         double more = of_leaf * leaves - s->rounds[r];
         left += more > 0 ? more : 0;
     }

@@ -13,6 +13,7 @@
 #include <stdint.h>
 
 struct spending {
+    unsigned pilot_rounds;      /* which come first, and count their own leaves */
     double core_s;              /* of all results */
     double rounds[ROUND_COUNT]; /* of the results that were taken, by the round they belong to */
     double pace_core_s, pace_s; /* lately: the older, the less it weighs */

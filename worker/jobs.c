@@ -169,6 +169,8 @@ static bool check_spec(const struct job_spec *spec, struct err *err)
 {
     if (spec->replicates == 0 || spec->replicates > 1u << 20)
         return err_set(err, ERR_ARGUMENT, "the job has %u replicates", spec->replicates);
+    if (spec->pilot_rounds > ROUND_COUNT)
+        return err_set(err, ERR_ARGUMENT, "the job has a pilot of %u rounds", spec->pilot_rounds);
     if (spec->leaf_samples == 0 || spec->leaf_samples > 1u << 16 ||
         (spec->leaf_samples & (spec->leaf_samples - 1)) != 0)
         return err_set(err, ERR_ARGUMENT, "the job has leaves of %u samples", spec->leaf_samples);

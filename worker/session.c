@@ -399,7 +399,7 @@ static bool check_nodes(const struct job *job, const struct node_id *nodes, size
                         struct err *err)
 {
     for (size_t i = 0; i < count; i++)
-        if (nodes[i].tile >= job->tiles || nodes[i].replicate >= job->spec.replicates ||
+        if (nodes[i].tile >= job->tiles || nodes[i].replicate >= job_sequences(&job->spec) ||
             nodes[i].level > NODE_LEVEL_MAX || nodes[i].index >> (LEAF_BITS - nodes[i].level) != 0)
             return err_set(err, ERR_MESSAGE,
                            "a lease of tile %u, replicate %u, level %u, index %" PRIu64
