@@ -624,6 +624,7 @@ static void look_at_tile(struct film *film, uint32_t tile, struct reading *readi
     for (uint32_t k = 0; k < film->replicates; k++)
         stack_stats(&pair_of(film, tile, film->replicates + k)->stack, &stats);
     look->work = tile_plan_work(&stats);
+    look->samples = stats.samples;
 }
 
 bool film_make_plan(struct film *film, unsigned rounds, struct err *err)

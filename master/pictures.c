@@ -8,6 +8,7 @@
 #include "master/image.h"
 #include "master/ledger.h"
 #include "master/png.h"
+#include "master/tile_plan.h"
 #include "proto/bundle.h"
 
 #include <assert.h>
@@ -94,6 +95,22 @@ static bool add_ledger(const struct pictures *p, struct image *image, const stru
     return fine;
 }
 
+/* The plan of --adaptive in short: the report has all of it, and `samples` shows it. */
+static bool add_plan(const struct tile_plan *plan, struct image *image)
+{
+    char hex[DIGEST_HEX_SIZE], text[256];
+    if (plan->pilot_rounds == 0)
+        return true;
+    struct digest digest = digest_of(plan->octaves, plan->tiles);
+    snprintf(text, sizeof(text),
+             "pilot of %llu leaves with weight %.9g; %u of %u tiles twice or more, "
+             "%u half or less; predicted gain %.2f; sha256 of log2 of the factors %s",
+             (unsigned long long)round_end(plan->pilot_rounds - 1), plan->pilot_weight,
+             tile_plan_count_from(plan, 1), plan->tiles, tile_plan_count_to(plan, -1),
+             plan->predicted_gain, digest_hex(&digest, hex));
+    return image_set_attribute(image, "pathfarm.adaptive", text);
+}
+
 static bool add_facts(const struct pictures *p, struct image *image,
                       const struct picture_moment *moment)
 {
@@ -118,6 +135,7 @@ static bool add_facts(const struct pictures *p, struct image *image,
            image_note(image, "pathfarm.spp", "%llu", (unsigned long long)film_spp(p->film)) &&
            image_note(image, "pathfarm.replicates", "%u", f->spec->replicates) &&
            image_note(image, "pathfarm.stderrDof", "%u", f->spec->replicates - 1) &&
+           add_plan(film_plan(p->film), image) &&
            (!f->format.half ||
             image_note(image, "pathfarm.clampedToHalf", "%llu",
                        (unsigned long long)exr_values_clamped(image, &f->format))) &&

@@ -62,6 +62,7 @@ bool render_summary_write(const struct render_summary *s, const char *path, stru
         .asked = &s->setup->limits,
         .stopped_by = status.stopped_by,
         .predicted = farm_predict_job(s->farm),
+        .plan = film_plan(s->film),
         .wall_seconds = status.wall_s,
         .core_seconds = status.core_s,
         .bytes_sent = status.bytes_out,

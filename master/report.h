@@ -17,6 +17,7 @@
 #include <stdint.h>
 
 struct err;
+struct tile_plan;
 
 struct report_worker {
     const char *host, *build;
@@ -43,6 +44,7 @@ struct render_report {
     const struct limits *asked;   /* NULL leaves them and the next two out */
     enum limit stopped_by;        /* LIMIT_NONE: the job did not come to its end */
     struct predict_job predicted; /* how: predictions are made of the ledger's rows */
+    const struct tile_plan *plan; /* NULL, or without a pilot: left out */
     double wall_seconds, core_seconds;
     struct node_stats stats; /* of everything in the picture */
     uint64_t bytes_sent, bytes_received;

@@ -46,6 +46,7 @@ struct tile_look {
     uint32_t pixels;
     double error;    /* squared relative errors of its mean, over pixels and channels, added up */
     double work;     /* of its samples: tile_plan_work */
+    uint64_t samples;
     bool one_sample; /* the error rests on one */
 };
 
