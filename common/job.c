@@ -95,7 +95,7 @@ bool job_shape_pilot(uint64_t spp, struct job_spec *spec)
     uint64_t of_leaf = (uint64_t)spec->replicates * spec->leaf_samples, leaves = 1;
     if (spec->replicates < 2 || (spp != 0 && spp / 16 < of_leaf))
         return false;
-    while (leaves < (uint64_t)1 << 20 && 2 * leaves * of_leaf <= spp / 16)
+    while (leaves < (uint64_t)1 << 20 && 2 * leaves * of_leaf <= spp / 32)
         leaves *= 2;
     spec->pilot_rounds = round_reaching(leaves) + 1;
     uint64_t samples = leaves * of_leaf;

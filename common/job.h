@@ -57,10 +57,10 @@ double job_pilot_weight(const struct job_spec *spec);
 
 /*
  * Give a shaped job of `spp` samples per pixel a pilot: a power of two leaves of each sequence
- * more, a sixteenth of the samples at most. What they show is in the picture with a quarter of
- * their share of the samples: short sequences are worse than their share of a long one. spp 0, when
- * nobody knows how many there will be: one leaf of weight 0. False, and no pilot, when the least
- * one would be more than a sixteenth, or a single replicate could not tell the error.
+ * more, as many as a 32nd of the samples are, or one. What they show is in the picture with a
+ * quarter of their share of the samples: short sequences are worse than their share of a long one.
+ * spp 0, when nobody knows how many there will be: one leaf of weight 0. False, and no pilot, when
+ * one leaf is more than a sixteenth, or a single replicate could not tell the error.
  */
 bool job_shape_pilot(uint64_t spp, struct job_spec *spec);
 

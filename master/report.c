@@ -187,100 +187,100 @@ static bool put_predictions(json_t *root, const struct render_report *report)
         fine &= json_array_append_new(predictions, row) == 0;
     }
     return put(root, "predictions", predictions) && fine;
+}
 
-    /* The plan of --adaptive; lists have an element per tile, row by row. */
-    static bool put_plan(json_t * root, const struct render_report *report)
-    {
-        const struct tile_plan *plan = report->plan;
-        if (plan == NULL || plan->pilot_rounds == 0)
-            return true;
-        json_t *adaptive = json_object();
-        bool fine = put(adaptive, "pilot_leaves", count(round_end(plan->pilot_rounds - 1)));
-        fine &= put(adaptive, "pilot_weight", number(plan->pilot_weight));
-        fine &= put(adaptive, "planned", json_boolean(plan->made));
-        fine &= put(adaptive, "predicted_gain",
-                    plan->made ? number(plan->predicted_gain) : json_null());
-        fine &= put(adaptive, "tiles_across", count(plan->across));
-        json_t *factors = json_array(), *errors = json_array(), *work = json_array();
-        for (uint32_t tile = 0; plan->made && tile < plan->tiles; tile++) {
-            const struct tile_look *look = &plan->looks[tile];
-            double samples = look->samples > 0 ? (double)look->samples : 1;
-            fine &= json_array_append_new(factors, number(tile_plan_factor(plan, tile))) == 0;
-            fine &= json_array_append_new(errors, number(look->error / (3.0 * look->pixels))) == 0;
-            fine &= json_array_append_new(work, number(look->work / samples)) == 0;
-        }
-        fine &= put(adaptive, "factors", factors);
-        fine &= put(adaptive, "pilot_relmse", errors);
-        fine &= put(adaptive, "work_per_sample", work);
-        return put(root, "adaptive", adaptive) && fine;
+/* The plan of --adaptive; lists have an element per tile, row by row. */
+static bool put_plan(json_t *root, const struct render_report *report)
+{
+    const struct tile_plan *plan = report->plan;
+    if (plan == NULL || plan->pilot_rounds == 0)
+        return true;
+    json_t *adaptive = json_object();
+    bool fine = put(adaptive, "pilot_leaves", count(round_end(plan->pilot_rounds - 1)));
+    fine &= put(adaptive, "pilot_weight", number(plan->pilot_weight));
+    fine &= put(adaptive, "planned", json_boolean(plan->made));
+    fine &= put(adaptive, "predicted_gain",
+                plan->made ? number(plan->predicted_gain) : json_null());
+    fine &= put(adaptive, "tiles_across", count(plan->across));
+    json_t *factors = json_array(), *errors = json_array(), *work = json_array();
+    for (uint32_t tile = 0; plan->made && tile < plan->tiles; tile++) {
+        const struct tile_look *look = &plan->looks[tile];
+        double samples = look->samples > 0 ? (double)look->samples : 1;
+        fine &= json_array_append_new(factors, number(tile_plan_factor(plan, tile))) == 0;
+        fine &= json_array_append_new(errors, number(look->error / (3.0 * look->pixels))) == 0;
+        fine &= json_array_append_new(work, number(look->work / samples)) == 0;
     }
+    fine &= put(adaptive, "factors", factors);
+    fine &= put(adaptive, "pilot_relmse", errors);
+    fine &= put(adaptive, "work_per_sample", work);
+    return put(root, "adaptive", adaptive) && fine;
+}
 
-    static bool put_farm(json_t * root, const struct render_report *report)
-    {
-        bool fine = true;
-        json_t *workers = json_array();
-        for (size_t i = 0; i < report->worker_count; i++) {
-            const struct report_worker *worker = &report->workers[i];
-            json_t *row = json_object();
-            fine &= put(row, "host", text(worker->host));
-            fine &= put(row, "build", text(worker->build));
-            fine &= put(row, "cores", count(worker->cores));
-            fine &= put(row, "nodes", count(worker->nodes));
-            fine &= put(row, "camera_paths", count(worker->samples));
-            fine &= put(row, "core_seconds", number(worker->core_seconds));
-            fine &= put(row, "cached", json_boolean(worker->cached));
-            fine &= put(row, "lost", json_boolean(worker->lost));
-            fine &= json_array_append_new(workers, row) == 0;
-        }
-        fine &= put(root, "workers", workers);
-
-        json_t *nodes = json_object();
-        fine &= put(nodes, "accepted", count(report->nodes_accepted));
-        fine &= put(nodes, "reissued", count(report->nodes_reissued));
-        fine &= put(nodes, "speculated", count(report->nodes_speculated));
-        fine &= put(nodes, "duplicates", count(report->nodes_duplicate));
-        fine &= put(nodes, "mismatches", count(report->nodes_mismatched));
-        fine &= put(root, "nodes", nodes);
-
-        json_t *ledger = json_array();
-        for (size_t i = 0; i < report->ledger_count; i++) {
-            const struct ledger_row *round = &report->ledger[i];
-            json_t *row = json_object();
-            fine &= put(row, "round", count(round->round));
-            fine &= put(row, "spp", count(round->spp));
-            fine &= put(row, "wall_seconds", number(round->wall_s));
-            fine &= put(row, "core_seconds", number(round->core_s));
-            fine &= put(row, "camera_paths", count(round->samples));
-            fine &= put_rays(row, round->rays_closest, round->rays_shadow);
-            fine &= put_losses(row, round->nonfinite, round->truncated_paths,
-                               round->truncated_energy);
-            fine &= put_accuracy(row, &round->accuracy);
-            fine &= json_array_append_new(ledger, row) == 0;
-        }
-        return put(root, "ledger", ledger) && fine;
+static bool put_farm(json_t *root, const struct render_report *report)
+{
+    bool fine = true;
+    json_t *workers = json_array();
+    for (size_t i = 0; i < report->worker_count; i++) {
+        const struct report_worker *worker = &report->workers[i];
+        json_t *row = json_object();
+        fine &= put(row, "host", text(worker->host));
+        fine &= put(row, "build", text(worker->build));
+        fine &= put(row, "cores", count(worker->cores));
+        fine &= put(row, "nodes", count(worker->nodes));
+        fine &= put(row, "camera_paths", count(worker->samples));
+        fine &= put(row, "core_seconds", number(worker->core_seconds));
+        fine &= put(row, "cached", json_boolean(worker->cached));
+        fine &= put(row, "lost", json_boolean(worker->lost));
+        fine &= json_array_append_new(workers, row) == 0;
     }
+    fine &= put(root, "workers", workers);
 
-    char *report_json(const struct render_report *report)
-    {
-        json_t *root = json_object();
-        char *json = NULL;
-        bool fine = put_job(root, report) && put_work(root, report) && put_plan(root, report);
-        if (fine && report->asked != NULL)
-            fine = put_limits(root, report);
-        if (fine && report->asked != NULL && report->asked->relmse > 0)
-            fine = put_predictions(root, report);
-        if (fine && put_farm(root, report))
-            json = json_dumps(root, JSON_INDENT(2) | JSON_REAL_PRECISION(12));
-        json_decref(root);
-        return json;
-    }
+    json_t *nodes = json_object();
+    fine &= put(nodes, "accepted", count(report->nodes_accepted));
+    fine &= put(nodes, "reissued", count(report->nodes_reissued));
+    fine &= put(nodes, "speculated", count(report->nodes_speculated));
+    fine &= put(nodes, "duplicates", count(report->nodes_duplicate));
+    fine &= put(nodes, "mismatches", count(report->nodes_mismatched));
+    fine &= put(root, "nodes", nodes);
 
-    bool report_write(const struct render_report *report, const char *path, struct err *err)
-    {
-        char *json = report_json(report);
-        if (json == NULL)
-            return err_set(err, ERR_MEMORY, "%s: out of memory", path);
-        bool written = atomic_file_write(path, json, strlen(json), err);
-        free(json);
-        return written;
+    json_t *ledger = json_array();
+    for (size_t i = 0; i < report->ledger_count; i++) {
+        const struct ledger_row *round = &report->ledger[i];
+        json_t *row = json_object();
+        fine &= put(row, "round", count(round->round));
+        fine &= put(row, "spp", count(round->spp));
+        fine &= put(row, "wall_seconds", number(round->wall_s));
+        fine &= put(row, "core_seconds", number(round->core_s));
+        fine &= put(row, "camera_paths", count(round->samples));
+        fine &= put_rays(row, round->rays_closest, round->rays_shadow);
+        fine &= put_losses(row, round->nonfinite, round->truncated_paths, round->truncated_energy);
+        fine &= put_accuracy(row, &round->accuracy);
+        fine &= json_array_append_new(ledger, row) == 0;
     }
+    return put(root, "ledger", ledger) && fine;
+}
+
+char *report_json(const struct render_report *report)
+{
+    json_t *root = json_object();
+    char *json = NULL;
+    bool fine = put_job(root, report) && put_work(root, report) && put_plan(root, report);
+    if (fine && report->asked != NULL)
+        fine = put_limits(root, report);
+    if (fine && report->asked != NULL && report->asked->relmse > 0)
+        fine = put_predictions(root, report);
+    if (fine && put_farm(root, report))
+        json = json_dumps(root, JSON_INDENT(2) | JSON_REAL_PRECISION(12));
+    json_decref(root);
+    return json;
+}
+
+bool report_write(const struct render_report *report, const char *path, struct err *err)
+{
+    char *json = report_json(report);
+    if (json == NULL)
+        return err_set(err, ERR_MEMORY, "%s: out of memory", path);
+    bool written = atomic_file_write(path, json, strlen(json), err);
+    free(json);
+    return written;
+}

@@ -64,3 +64,10 @@ refused() {
 refused "from 256 samples per pixel on" --spp 255
 refused "two replicates" --spp 1024 --replicates 1
 refused "beforehand" --spp 1024 --sampler stratified
+
+# By its error: the same stop, and the same bits, on any farm
+unset PATHFARM_SIMULATED_US
+render error1 --adaptive --error 1e-4 --workers 1 --threads 1 || fail "--error"
+render error2 --adaptive --error 1e-4 --workers 2 --threads 2 --lease-nodes 1,1 || fail "--error"
+grep -q 'stopped by --error' "$work/error1.log" || fail "not stopped by its error"
+same_pixels error1 error2
