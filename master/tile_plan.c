@@ -161,10 +161,16 @@ uint64_t tile_plan_leaves(const struct tile_plan *plan, unsigned rounds)
 
 /* ---- making the plan */
 
+/*
+ * Least squares over 192 tiles of seven scenes (Cornell box, glass, glossy, environment, many
+ * lights, caustic, soft shadows), processor time of one thread: 190 ns for a closest-hit ray with
+ * all that is done where it ends, 380 ns for a shadow ray with the choice of its light. Scattering
+ * events and camera paths on top explain no more. What is left is 21 % of a tile's time, some of it
+ * the machine's other load.
+ */
 double tile_plan_work(const struct node_stats *stats)
 {
-    return (double)stats->rays_closest + 0.7 * (double)stats->rays_shadow +
-           1.0 * (double)stats->events + 1.0 * (double)stats->samples;
+    return (double)stats->rays_closest + 2 * (double)stats->rays_shadow;
 }
 
 static double error_density(const struct tile_plan *plan, uint32_t tile)
