@@ -44,8 +44,8 @@ struct scene;
 /* What the pilot saw of a tile. */
 struct tile_look {
     uint32_t pixels;
-    double error;    /* squared relative errors of its mean, over pixels and channels, added up */
-    double work;     /* of its samples: tile_plan_work */
+    double error; /* squared relative errors of its mean, over pixels and channels, added up */
+    double work;  /* of its samples: tile_plan_work */
     uint64_t samples;
     bool one_sample; /* the error rests on one */
 };
