@@ -346,15 +346,18 @@ bool film_round_complete(const struct film *film, unsigned round)
 
 uint64_t film_spp(const struct film *film)
 {
+    uint64_t samples = 0, pixels = 0;
+    uint64_t of_leaf = (uint64_t)film->replicates * film->leaf_samples;
     if (!film_has_picture(film))
         return 0;
-    uint64_t samples = 0, pixels = 0;
+    if (film->plan.pilot_rounds == 0)
+        return of_leaf * round_end(film->rounds_complete - 1);
     for (uint32_t tile = 0; tile < film->tiles; tile++) {
         unsigned own = tile_plan_pair_rounds(&film->plan, tile, 0, film->rounds_complete);
         pixels += pixels_of(&film->rects[tile]);
         samples += pixels_of(&film->rects[tile]) * round_end(own - 1);
     }
-    return film->replicates * film->leaf_samples * samples / pixels;
+    return of_leaf * samples / pixels;
 }
 
 bool film_has_picture(const struct film *film)

@@ -5,9 +5,9 @@
  * the mean were the truth, and has no bias by that.
  *
  * Prints a line of "name value" pairs: both relMSE, the work of each in closest-hit rays and in
- * seconds of the processor, the gain for equal work and for equal seconds, the gain that the pilots
- * predicted (mean), and the gain that the tiles' true errors and work would allow at most, without
- * a pilot, limits and rounding (Neyman).
+ * seconds of the processor, the gain for equal work (with a standard error) and seconds, the gain
+ * that the pilots predicted (mean), and the gain that the tiles' true errors and work would allow
+ * at most, without a pilot, limits and rounding (Neyman).
  *
  * Usage: bench_adaptive SCENE.pbrt SPP SEEDS SIDE [tiles]
  * With "tiles" each tile's error, work counts and seconds follow, a line each.
@@ -29,8 +29,9 @@
 
 /* One of the two ways to spend the samples. */
 struct way {
-    double *sum, *squares; /* of the pixels and channels, over the seeds */
-    double *tile_error;
+    float *values; /* of every seed: [seed][channel][pixel] */
+    double *sum;   /* of those over the seeds */
+    double *seed_error, *tile_error;
     struct node_stats *tile_stats;
     double *tile_s;
     double work, seconds, predicted;
@@ -79,10 +80,13 @@ static bool render_rounds(const struct bench *bench, struct way *way, struct ker
     return film_rounds(film) == to;
 }
 
-static bool render(const struct bench *bench, struct way *way, uint64_t seed, bool adaptive,
+static bool render(const struct bench *bench, struct way *way, uint32_t seed, bool adaptive,
                    struct err *err)
 {
-    struct job_spec spec = { .seed = seed, .channel_count = 3, .depth_cap = 65536, .max_lanes = 8 };
+    float *values = way->values + (size_t)seed * bench->values;
+    struct job_spec spec = {
+        .seed = 1000 + (uint64_t)seed, .channel_count = 3, .depth_cap = 65536, .max_lanes = 8
+    };
     if (bench->scene->settings.max_depth < spec.depth_cap)
         spec.depth_cap = bench->scene->settings.max_depth;
     if (job_in_fours(&bench->scene->settings.filter))
@@ -110,10 +114,9 @@ static bool render(const struct bench *bench, struct way *way, uint64_t seed, bo
     uint32_t pixels = image->width * image->height;
     for (uint32_t c = 0; c < 3; c++) {
         const float *plane = image_channel(image, (const char *[]){ "R", "G", "B" }[c]);
-        for (uint32_t p = 0; p < pixels; p++) {
+        memcpy(values + c * pixels, plane, pixels * sizeof(*plane));
+        for (uint32_t p = 0; p < pixels; p++)
             way->sum[c * pixels + p] += (double)plane[p];
-            way->squares[c * pixels + p] += (double)plane[p] * (double)plane[p];
-        }
     }
     done = true;
 
@@ -140,29 +143,46 @@ static double relmse(const struct bench *bench, struct way *way)
                                 rect.x - s->crop[0] + x;
                     double truth = (bench->ways[0].sum[at] + bench->ways[1].sum[at]) / (2 * n);
                     double mean = way->sum[at] / n;
-                    double variance = (way->squares[at] - n * mean * mean) / (n - 1);
-                    way->tile_error[tile] += variance / (truth * truth + 0.01);
+                    for (uint32_t s = 0; s < bench->seeds; s++) {
+                        double off = (double)way->values[s * (size_t)bench->values + at] - mean;
+                        double error = off * off / (n - 1) / (truth * truth + 0.01);
+                        way->seed_error[s] += error;
+                        way->tile_error[tile] += error;
+                    }
                 }
         total += way->tile_error[tile];
     }
     return total / bench->values;
 }
 
+/* The relative standard error of a relMSE, from those of its seeds */
+static double noise(const struct bench *bench, const struct way *way)
+{
+    double n = bench->seeds, sum = 0, squares = 0;
+    for (uint32_t s = 0; s < bench->seeds; s++)
+        sum += way->seed_error[s];
+    for (uint32_t s = 0; s < bench->seeds; s++)
+        squares += (way->seed_error[s] - sum / n) * (way->seed_error[s] - sum / n);
+    return sqrt(squares * n / (n - 1)) / sum;
+}
+
 static bool way_open(const struct bench *bench, struct way *way)
 {
     way->sum = calloc(bench->values, sizeof(*way->sum));
-    way->squares = calloc(bench->values, sizeof(*way->squares));
+    way->values = calloc((size_t)bench->values * bench->seeds, sizeof(*way->values));
+    way->seed_error = calloc(bench->seeds, sizeof(*way->seed_error));
     way->tile_error = calloc(bench->tiles, sizeof(*way->tile_error));
     way->tile_stats = calloc(bench->tiles, sizeof(*way->tile_stats));
     way->tile_s = calloc(bench->tiles, sizeof(*way->tile_s));
-    return way->sum != NULL && way->squares != NULL && way->tile_error != NULL &&
-           way->tile_stats != NULL && way->tile_s != NULL;
+    return way->sum != NULL && way->values != NULL && way->seed_error != NULL &&
+           way->tile_error != NULL && way->tile_stats != NULL && way->tile_s != NULL;
 }
 
 static void way_close(struct way *way)
 {
     free(way->sum);
-    free(way->squares);
+    free(way->values);
+    free(way->seed_error);
     free(way->tile_error);
     free(way->tile_stats);
     free(way->tile_s);
@@ -179,10 +199,12 @@ static void print_result(struct bench *bench)
         work += w;
         both += sqrt(alike->tile_error[tile] * w);
     }
-    printf("uniform %.4g adaptive %.4g work_ratio %.3f seconds_ratio %.3f gain %.3f gain_seconds "
-           "%.3f predicted %.3f possible %.3f\n",
-           a, b, adaptive->work / alike->work, adaptive->seconds / alike->seconds,
-           a * alike->work / (b * adaptive->work), a * alike->seconds / (b * adaptive->seconds),
+    double gain = a * alike->work / (b * adaptive->work);
+    double of_a = noise(bench, alike), of_b = noise(bench, adaptive);
+    printf("uniform %.4g adaptive %.4g work_ratio %.3f seconds_ratio %.3f gain %.3f gain_stderr "
+           "%.3f gain_seconds %.3f predicted %.3f possible %.3f\n",
+           a, b, adaptive->work / alike->work, adaptive->seconds / alike->seconds, gain,
+           gain * sqrt(of_a * of_a + of_b * of_b), a * alike->seconds / (b * adaptive->seconds),
            adaptive->predicted, error * work / (both * both));
 }
 
@@ -207,7 +229,7 @@ int main(int argc, char **argv)
         goto fail;
     for (uint32_t seed = 0; seed < bench.seeds; seed++)
         for (int i = 0; i < 2; i++)
-            if (!render(&bench, &bench.ways[i], 1000 + seed, i == 1, &err))
+            if (!render(&bench, &bench.ways[i], seed, i == 1, &err))
                 goto fail;
     print_result(&bench);
     if (argc > 5)
