@@ -25,15 +25,23 @@ struct ledger_row ledger_row_of(unsigned round, uint64_t spp, double wall_s, dou
     return row;
 }
 
+/* Three columns, empty where the error is unknown */
+static void put_error(FILE *out, enum accuracy_verdict verdict, double error,
+                      struct interval error95)
+{
+    if (verdict == ACCURACY_KNOWN)
+        fprintf(out, "%.9g,%.9g,%.9g,", error, error95.low, error95.high);
+    else
+        fputs(",,,", out);
+}
+
 static void put_row(FILE *out, const struct ledger_row *row)
 {
     const struct accuracy *a = &row->accuracy;
     fprintf(out, "%u,%" PRIu64 ",%.9g,%.9g,", row->round, row->spp, row->core_s, row->wall_s);
-    if (a->verdict == ACCURACY_KNOWN)
-        fprintf(out, "%.9g,%.9g,%.9g,%.9g,%.9g,%.9g,,", a->rmse, a->rmse95.low, a->rmse95.high,
-                a->relmse, a->relmse95.low, a->relmse95.high);
-    else
-        fprintf(out, ",,,,,,%s,", estimate_verdict_text(a->verdict));
+    put_error(out, a->mse_verdict, a->rmse, a->rmse95);
+    put_error(out, a->verdict, a->relmse, a->relmse95);
+    fprintf(out, "%s,", a->verdict == ACCURACY_KNOWN ? "" : estimate_verdict_text(a->verdict));
     fprintf(out, "%.9g,%" PRIu64 ",%" PRIu64 ",%" PRIu64 ",%" PRIu64 ",%.9g", a->unknown_share,
             row->samples, row->rays_closest, row->rays_shadow, row->truncated_paths,
             row->truncated_energy);

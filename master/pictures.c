@@ -66,14 +66,14 @@ void pictures_free(struct pictures *p)
 static bool add_ledger(const struct pictures *p, struct image *image, const struct ledger_row *row)
 {
     const struct accuracy *a = &row->accuracy;
-    bool known = a->verdict == ACCURACY_KNOWN;
+    bool known = a->verdict == ACCURACY_KNOWN, known_mse = a->mse_verdict == ACCURACY_KNOWN;
     const struct {
         const char *name;
         double value;
     } numbers[] = {
-        { "pathfarm.rmse", known ? a->rmse : NAN },
-        { "pathfarm.rmseLow", known ? a->rmse95.low : NAN },
-        { "pathfarm.rmseHigh", known ? a->rmse95.high : NAN },
+        { "pathfarm.rmse", known_mse ? a->rmse : NAN },
+        { "pathfarm.rmseLow", known_mse ? a->rmse95.low : NAN },
+        { "pathfarm.rmseHigh", known_mse ? a->rmse95.high : NAN },
         { "pathfarm.relMSE", known ? a->relmse : NAN },
         { "pathfarm.relMSELow", known ? a->relmse95.low : NAN },
         { "pathfarm.relMSEHigh", known ? a->relmse95.high : NAN },
