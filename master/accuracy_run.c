@@ -15,6 +15,7 @@
 #define REFERENCE_SEED ((uint64_t)1 << 40) /* far from those of the pictures */
 #define WINDOW_SIDE    64
 #define SPP_MAX        ((uint64_t)1 << 30)
+#define RUNGS_LEAST    4 /* however short the time: a slope needs some */
 
 struct runner {
     const struct accuracy_plan *plan;
@@ -123,7 +124,7 @@ static bool ladder(const struct runner *runner, const struct image *reference,
     const struct accuracy_plan *plan = runner->plan;
     for (uint64_t spp = 1; curve->count < ACCURACY_RUNGS_MAX && spp <= SPP_MAX; spp *= 2) {
         const struct accuracy_rung *last = accuracy_curve_last(curve);
-        if (last != NULL && 2 * last->facts.core_s > plan->core_s)
+        if (curve->count >= RUNGS_LEAST && 2 * last->facts.core_s > plan->core_s)
             break;
         if (!climb(runner, curve->setup, spp, reference, &curve->rungs[curve->count], err))
             return false;

@@ -3,7 +3,8 @@
  * several seeds each; a reference of seeds of its own; and crops to look at. Blocking, for minutes.
  *
  * Equal core-seconds: every ladder doubles its samples until the next picture would take longer
- * than `core_s` of processor time, whatever that takes by the clock on the wall.
+ * than `core_s` of processor time, whatever that takes by the clock on the wall; but no ladder has
+ * fewer than four.
  */
 #ifndef MASTER_ACCURACY_RUN_H
 #define MASTER_ACCURACY_RUN_H
