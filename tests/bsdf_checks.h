@@ -28,23 +28,26 @@ struct subject {
     const struct material *material;
 };
 
-/* One copy of the code each: the headers inline everything */
+static inline enum transport_mode transported(bool importance)
+{
+    return importance ? TRANSPORT_IMPORTANCE : TRANSPORT_RADIANCE;
+}
+
+/* One copy of the code each, for both modes: the headers inline everything */
 static __attribute__((noinline, unused)) struct bsdf_eval8 subject_eval(const struct subject *m,
                                                                         const struct vec3x8 *wo,
                                                                         const struct vec3x8 *wi,
                                                                         bool importance)
 {
     struct bsdf8 b = bsdf_of_materials(m->scene, m->material, FX_ALL, I8(0));
-    return importance ? bsdf_eval(&b, FX_ALL, TRANSPORT_IMPORTANCE, I8(-1), *wo, *wi)
-                      : bsdf_eval(&b, FX_ALL, TRANSPORT_RADIANCE, I8(-1), *wo, *wi);
+    return bsdf_eval(&b, FX_ALL, transported(importance), I8(-1), *wo, *wi);
 }
 
 static __attribute__((noinline, unused)) struct bsdf_sample8
 subject_sample(const struct subject *m, const struct vec3x8 *wo, const f8 u[3], bool importance)
 {
     struct bsdf8 b = bsdf_of_materials(m->scene, m->material, FX_ALL, I8(0));
-    return importance ? bsdf_sample(&b, FX_ALL, TRANSPORT_IMPORTANCE, I8(-1), *wo, u[0], u[1], u[2])
-                      : bsdf_sample(&b, FX_ALL, TRANSPORT_RADIANCE, I8(-1), *wo, u[0], u[1], u[2]);
+    return bsdf_sample(&b, FX_ALL, transported(importance), I8(-1), *wo, u[0], u[1], u[2]);
 }
 
 static inline struct bsdf_sample8 subject_random(const struct subject *m, const struct vec3x8 *wo,
