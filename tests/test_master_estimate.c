@@ -6,6 +6,7 @@
 #include "common/hash.h"
 #include "common/sumtree.h"
 #include "master/estimate.h"
+#include "tests/random_stream.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -19,17 +20,6 @@
 #define SAMPLES    16 /* of a replicate */
 #define TRIALS     200
 
-static double uniform(uint64_t *state)
-{
-    return ((double)(hash64_mix(*state += 0x9e3779b97f4a7c15u) >> 11) + 0.5) * 0x1p-53;
-}
-
-static double normal(uint64_t *state)
-{
-    double radius = sqrt(-2 * elem_log(uniform(state)));
-    return radius * elem_cos(6.283185307179586 * uniform(state));
-}
-
 /* Samples of mean 1 */
 enum noise { NORMAL, EXPONENTIAL, LOGNORMAL, HIT_OR_MISS, FIREFLIES, NOISE_COUNT };
 static const char *const noise_names[] = { "normal", "exponential", "lognormal", "hit or miss",
@@ -39,15 +29,15 @@ static double sample(enum noise noise, uint64_t *random)
 {
     switch (noise) {
     case NORMAL:
-        return 1 + 0.5 * normal(random);
+        return 1 + 0.5 * random_normal(random);
     case EXPONENTIAL:
-        return -elem_log(uniform(random));
+        return -elem_log(random_uniform(random));
     case LOGNORMAL:
-        return elem_exp(normal(random) - 0.5);
+        return elem_exp(random_normal(random) - 0.5);
     case HIT_OR_MISS:
-        return uniform(random) < 0.4 ? 2.5 : 0;
+        return random_uniform(random) < 0.4 ? 2.5 : 0;
     default:
-        return uniform(random) < 0.002 ? 250.5 : 0.5;
+        return random_uniform(random) < 0.002 ? 250.5 : 0.5;
     }
 }
 

@@ -8,6 +8,7 @@
 #include "master/estimate.h"
 #include "master/film.h"
 #include "master/image.h"
+#include "tests/random_stream.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -19,28 +20,7 @@
 
 #include <cmocka.h>
 
-#define PI 3.14159265358979323846
-
 static const char *const NAMES[] = { "R", "G", "B", "stderr.R", "stderr.G", "stderr.B", "samples" };
-
-static uint64_t hash(uint64_t x)
-{
-    x = (x ^ x >> 32) * 0xd6e8feb86659fd93u;
-    x = (x ^ x >> 32) * 0xd6e8feb86659fd93u;
-    return x ^ x >> 32;
-}
-
-static double uniform(uint64_t *state)
-{
-    *state += 0x9e3779b97f4a7c15u;
-    return ((double)(hash(*state) >> 11) + 0.5) * 0x1p-53;
-}
-
-static double normal(uint64_t *state)
-{
-    double radius = sqrt(-2 * elem_log(uniform(state)));
-    return radius * elem_cos(2 * PI * uniform(state));
-}
 
 /* 70 x 45 pixels of a larger image: six tiles, all but one cut */
 static struct scene small_scene(void)
@@ -71,9 +51,9 @@ static struct node_sums *leaf_sums(const struct film *film, uint32_t leaf_sample
     uint32_t pixels = film_tile_pixels(film, id->tile);
     struct node_sums *sums = node_sums_new(pixels, 3);
     assert_non_null(sums);
-    uint64_t seed = hash(id->index * 1000003 + id->tile * 64 + id->replicate);
+    uint64_t seed = random_hash(id->index * 1000003 + id->tile * 64 + id->replicate);
     for (uint32_t i = 0; i < 3 * pixels; i++) {
-        uint64_t bits = hash(seed + i);
+        uint64_t bits = random_hash(seed + i);
         sums->values[i] = (float)(bits >> 40) * 0x1p-24f * (float)(1u << bits % 8);
     }
     sums->stats.samples = (uint64_t)leaf_samples * pixels;
@@ -113,7 +93,7 @@ static void fill_in_order(struct film *film, const struct job_spec *spec, unsign
 
 static size_t cut(struct node_id id, uint64_t *random, struct node_id *pieces)
 {
-    if (id.level == 0 || uniform(random) < 0.4) {
+    if (id.level == 0 || random_uniform(random) < 0.4) {
         *pieces = id;
         return 1;
     }
@@ -138,7 +118,7 @@ static void fill_at_random(struct film *film, const struct job_spec *spec, unsig
                 count += cut(id, random, pieces + count);
             }
     for (size_t i = count; i > 1; i--) {
-        size_t j = (size_t)(uniform(random) * (double)i);
+        size_t j = (size_t)(random_uniform(random) * (double)i);
         struct node_id swapped = pieces[i - 1];
         pieces[i - 1] = pieces[j];
         pieces[j] = swapped;
@@ -148,7 +128,7 @@ static void fill_at_random(struct film *film, const struct job_spec *spec, unsig
         assert_int_equal(film_check(film, &pieces[i]), FILM_ADDED);
         enum film_result result = film_accept(film, &pieces[i], sums);
         assert_true(result == FILM_ADDED || result == FILM_SEALED);
-        if (uniform(random) < 0.1) {
+        if (random_uniform(random) < 0.1) {
             sums = node_of(film, spec->leaf_samples, pieces[i]);
             assert_int_equal(film_accept(film, &pieces[i], sums), FILM_DUPLICATE);
             node_sums_free(sums);
@@ -392,7 +372,7 @@ static struct film *normal_film(const struct scene *scene, const struct job_spec
             struct node_id id = { tile, k, 0, 0 };
             struct node_sums *sums = leaf_sums(film, spec->leaf_samples, &id);
             for (uint32_t i = 0; i < 3 * sums->pixel_count; i++)
-                sums->values[i] = (float)(spec->leaf_samples * (3 + 0.5 * normal(random)));
+                sums->values[i] = (float)(spec->leaf_samples * (3 + 0.5 * random_normal(random)));
             assert_int_equal(film_accept(film, &id, sums), FILM_SEALED);
         }
     return film;
@@ -487,7 +467,7 @@ static struct trial run_trial(struct estimate *estimate, enum truth truth, uint3
         for (uint32_t p = 0; p < TILE_PIXELS; p++) {
             double mean[3] = { 0 };
             for (uint32_t k = 0; k < replicates; k++) { /* all channels alike: the hard case */
-                double z = skewed ? -elem_log(uniform(random)) - 1 : normal(random);
+                double z = skewed ? -elem_log(random_uniform(random)) - 1 : random_normal(random);
                 for (uint32_t c = 0; c < 3; c++) {
                     double x = truth_at(truth, c, p) * (1 + noise * sqrt(replicates) * z);
                     means[(k * 3 + c) * TILE_PIXELS + p] = x;
@@ -602,7 +582,7 @@ static void a_few_samples_that_hold_the_sum_make_the_error_unknown(void **state)
     /* A firefly: one sample of 10,000 in one replicate of one pixel, small against the sum */
     uint64_t random = 1;
     for (size_t i = 0; i < 4 * 3 * TILE_PIXELS; i++)
-        means[i] = 1 + 0.01 * normal(&random);
+        means[i] = 1 + 0.01 * random_normal(&random);
     for (int c = 0; c < 3; c++)
         means[c * TILE_PIXELS + 77] += 10000.0 / 64;
     tile.largest = 10000;

@@ -8,6 +8,7 @@
 #include "master/limits.h"
 #include "master/predict.h"
 #include "master/spending.h"
+#include "tests/random_stream.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -19,8 +20,6 @@
 #include <string.h>
 
 #include <cmocka.h>
-
-#define PI 3.14159265358979323846
 
 /* ---- rows ---- */
 
@@ -167,25 +166,6 @@ static void the_pace_is_the_present_one_and_leaves_the_start_out(void **state)
 
 /* ---- predictions ---- */
 
-static uint64_t hash(uint64_t x)
-{
-    x = (x ^ x >> 32) * 0xd6e8feb86659fd93u;
-    x = (x ^ x >> 32) * 0xd6e8feb86659fd93u;
-    return x ^ x >> 32;
-}
-
-static double uniform(uint64_t *state)
-{
-    *state += 0x9e3779b97f4a7c15u;
-    return ((double)(hash(*state) >> 11) + 0.5) * 0x1p-53;
-}
-
-static double normal(uint64_t *state)
-{
-    double radius = sqrt(-2 * elem_log(uniform(state)));
-    return radius * elem_cos(2 * PI * uniform(state));
-}
-
 #define VALUES 60 /* that hold the error */
 #define K      4
 
@@ -200,7 +180,7 @@ static size_t play_job(struct ledger_row *rows, size_t capacity, uint64_t seed)
     for (size_t i = 0; i < capacity; i++) {
         double spp = (double)job_samples(&spec, (unsigned)i + 1), sum = 0;
         for (int v = 0; v < VALUES * (K - 1); v++) {
-            walks[v] += sqrt(spp - before) * normal(&seed);
+            walks[v] += sqrt(spp - before) * random_normal(&seed);
             sum += walks[v] * walks[v] / (spp * spp);
         }
         before = spp;

@@ -10,6 +10,7 @@
 #include "master/estimate.h"
 #include "master/ledger.h"
 #include "master/limits.h"
+#include "tests/random_stream.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -31,16 +32,6 @@
 #define TARGET   0.0065 /* relMSE; met after ten leaves or so */
 #define OF_PIXEL 0.1    /* standard error at which a pixel stops by itself, of what it should be */
 
-static double uniform(uint64_t *state)
-{
-    *state += 0x9e3779b97f4a7c15u;
-    uint64_t x = *state;
-    x = (x ^ x >> 32) * 0xd6e8feb86659fd93u;
-    x = (x ^ x >> 32) * 0xd6e8feb86659fd93u;
-    x ^= x >> 32;
-    return ((double)(x >> 11) + 0.5) * 0x1p-53;
-}
-
 static double truth(int p)
 {
     return 0.5 + p % SIDE / (double)SIDE;
@@ -58,7 +49,7 @@ static void add_leaf(struct trial *trial, uint64_t *random)
     for (int k = 0; k < K; k++)
         for (int p = 0; p < PIXELS; p++)
             for (int s = 0; s < B; s++) {
-                double value = -truth(p) * elem_log(uniform(random));
+                double value = -truth(p) * elem_log(random_uniform(random));
                 trial->sums[k][p] += value;
                 trial->luminance += value;
                 trial->largest = value > trial->largest ? value : trial->largest;
